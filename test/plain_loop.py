@@ -6,6 +6,6 @@ class PlainLoop:
     """One after the other, in this process."""
 
     def results(self, function, items):
-        """See archive.engines.Engine."""
+        """See archive.run_adding.Engine."""
         for item in items:
             yield item, function(item)

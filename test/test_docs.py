@@ -3,7 +3,6 @@
 
 import argparse
 import ast
-import importlib
 import re
 from functools import cache
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rosette_ros import __version__
-from rosette_ros.cli.main import VERBS, Parser, declare
+from rosette_ros.cli.main import VERBS, Parser, declare, implementation
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md')])
@@ -60,7 +59,7 @@ def names_a_module(dotted):
 def options_of(verb):
     """Return the options that a verb takes, those of its own verbs included."""
     parser = Parser()
-    declare(parser, importlib.import_module(f'rosette_ros.cli.{VERBS[verb][0]}'))
+    declare(parser, implementation(verb, VERBS[verb][0]))
     inner = [made for action in parser._actions if isinstance(action, argparse._SubParsersAction)
              for made in action.choices.values()]
     return {option for one in (parser, *inner) for action in one._actions for option in action.option_strings}

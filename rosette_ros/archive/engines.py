@@ -8,7 +8,7 @@ import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
@@ -33,14 +33,6 @@ SETTINGS = {'worker.profile.enabled': False, 'admin.tick.interval': '1s', 'admin
 of the processor time of an evaluation for the profile and a twelfth for the others. With the threshold that it gives to
 the allocator of its workers, arrays of more than 128 kB go back to the system at once: 24 000 page faults per log
 instead of 800, and a quarter more processor time."""
-
-
-class Engine(Protocol):
-    """Applies a function to items."""
-
-    def results(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
-            tuple[Item, Result | None]]:
-        """Yield each item with its result, in any order; None where the process that worked on it was killed."""
 
 
 class DaskEngine(AbstractContextManager['DaskEngine']):

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 from rosette_ros import __version__
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find
-from rosette_ros.archive.engines import Engine
 from rosette_ros.archive.log_finder import FoundLog
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import STATED, Row, evaluation_row, heading
@@ -34,6 +34,18 @@ KILLED = 'the process that evaluated it was killed again and again, maybe becaus
 
 Digest = tuple[FoundLog, str, str]
 """A log, the SHA-256 of its content, '' where it could not be read, and why it could not."""
+
+
+Item = TypeVar('Item')
+Outcome = TypeVar('Outcome')
+
+
+class Engine(Protocol):
+    """Applies a function to items."""
+
+    def results(self, function: Callable[[Item], Outcome], items: Iterable[Item]) -> Iterator[
+            tuple[Item, Outcome | None]]:
+        """Yield each item with its result, in any order; None where the process that worked on it was killed."""
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ TABLE = (
     Wanted('table.azimuth_deg', 0.0, 'where ball 1 roughly is at table angle 0, counted counter-clockwise about '
            'table.axis from the machine x axis (axis along z), y (along x) or z (along y), degrees', -360.0, 360.0))
 RUN = (
-    Wanted('order', 'diagonal', 'order of measurement', choices=ORDERS),
+    Wanted('order', 'sensitive', 'order of measurement', choices=ORDERS),
     Wanted('seed', 0, 'draws the order "random"', 0, 2**53),
     Wanted('turning', 'forward', 'sense in which the table turns', choices=TURNINGS),
     Wanted('cmm_positions', '', 'CMM positions in use: how many ("6", the best ones), a share ("50 %") or which '

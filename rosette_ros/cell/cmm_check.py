@@ -62,7 +62,7 @@ class CmmReport:
 class CmmClient(CellClient):
     """Asks a CMM for balls in place of a sequencer; a context manager; arguments as of CellClient."""
 
-    name = 'check'
+    name = names.TRIAL
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         super().__init__(domain_id, namespace)

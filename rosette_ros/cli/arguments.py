@@ -3,11 +3,16 @@
 
 import argparse
 import contextlib
+import importlib
+import importlib.util
 import math
 import os
 import re
+import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 from rosette_ros.core.errors import RosetteError
@@ -18,6 +23,12 @@ PICTURES = ('.png', '.svg', '.pdf')
 WRITTEN = ('output', 'pdf', 'figure', 'noise_picture')
 """Options that name a file to write; a file that another one names is read."""
 IN_LOG = 'who, what and where (YAML, rosette-identity/1), kept in the log of each run'
+_ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
+_SOURCE = 'source the set-up file of ROS 2 and of the workspace'
+_ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
+INSTALL = {'nicegui': 'pip install nicegui plotly',
+           **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), _ARCHIVE)}
+"""Package: how it is installed, where that is not its name alone."""
 Value = TypeVar('Value', int, float)
 
 
@@ -156,3 +167,29 @@ def add_formats(parser: argparse.ArgumentParser, csv: str) -> argparse._Mutually
     group.add_argument('--json', **SHARED['--json'])
     group.add_argument('--csv', action='store_true', help=csv)
     return group
+
+
+def load(module: str, what: str) -> ModuleType:
+    """Import what only some commands need; raise UsageError for `what`, naming the package, where one is missing."""
+    try:
+        return importlib.import_module(module)
+    except RosetteError:
+        raise
+    except Exception as error:
+        package = (getattr(error, 'name', None) or '').partition('.')[0]
+        file = traceback.extract_tb(error.__traceback__)[-1].filename
+        is_ours = package in ('', 'rosette_ros') and Path(file).is_relative_to(Path(__file__).parents[1])
+        if is_ours or package == 'rosette_ros':
+            raise
+        if isinstance(error, ModuleNotFoundError) and importlib.util.find_spec(package) is None:
+            install = _SOURCE if _ROS.fullmatch(package) else INSTALL.get(package, f'pip install {package}')
+            raise UsageError(f'{what}: wanted the Python package {package}, got none; {install}') from error
+        where = getattr(sys.modules.get(package), '__file__', None) or file
+        raise UsageError(f'{what}: {where}: wanted a package that can be loaded, got: '
+                         f'{" ".join(str(error).split()):.300}; check PYTHONPATH and the settings of that package'
+                         ) from error
+
+
+def plots(name: str) -> ModuleType:
+    """Import pictures where some are drawn: without them a command starts in half the time."""
+    return load(f'rosette_ros.presentation.plots.{name}', 'pictures')

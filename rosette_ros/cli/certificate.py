@@ -129,3 +129,6 @@ def words_of(found: Verified, options: Namespace) -> str:
     return (f'[green]{escape(options.verify)} is the certificate of {escape(", ".join(options.run_path))}[/]: the hash '
             f'of the data is right, numbers differ by at most {found.largest:.1g} µm or µrad.{other} Not checked: who '
             f'made it ({signature}), and whether the identity is true.')
+
+
+IMPLEMENTED = {'certificate': (add_arguments, run)}

@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette demo: a whole calibration in a simulated cell, up to the six error motions and a report."""
+"""The demo: a whole calibration in a simulated cell; once round to the correction; the verification of the paper.
 
-import argparse
+The machine behind a cell keeps its errors, clock and noise from run to run; what a person would switch in the firmware
+or turn on the table, or a correction, is written to its file between two runs.
+"""
+
 import random
 import shlex
+from argparse import ArgumentParser, Namespace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -13,38 +18,59 @@ from rich.markup import escape
 
 from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
-from rosette_ros.cli import circle_demo, hidden_demo, verification_demo
+from rosette_ros.cli import hidden_demo
 from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, whole
 from rosette_ros.cli.cell import keep_running
-from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_verdict
-from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown
+from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
+from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown, write_machine
+from rosette_ros.cli.hidden_demo import MODEL, section
+from rosette_ros.cli.report import print_result, verification_of
+from rosette_ros.core.correction import Correction
+from rosette_ros.core.correction_check import check_correction
+from rosette_ros.core.error_summary import error_lines
 from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import plan
+from rosette_ros.io.correction_file import format_correction
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.presentation.formatting import fixed, millimetres
+from rosette_ros.io.model_file import write_model
+from rosette_ros.io.open_run import open_identified
+from rosette_ros.io.text_file import write_text
+from rosette_ros.presentation.correction_results import check_table
+from rosette_ros.presentation.formatting import CURVE_UNITS, fixed, millimetres
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import open_source, write_report
-from rosette_ros.presentation.table_format import Table, column, words
-from rosette_ros.presentation.tables import curves
-from rosette_ros.simulation import MachineConfig
+from rosette_ros.presentation.report.verification import MAKER_COLUMNS, ROLES, verification_html
+from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
+from rosette_ros.presentation.tables import curves, nested_models
+from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.verdict_words import verdict_text
 
-TABLE = {'translation_um': 0.2, 'rotation_urad': 1.5, 'axial_correction': False, 'angular_correction': False}
+TABLE = {'translation_um': 0.5, 'rotation_urad': 3.0, 'axial_correction': False, 'angular_correction': False}
 """The table of the demo has not been corrected yet: its errors stand above the noise."""
 
+WORN = {'translation_um': 0.8, 'rotation_urad': 5.0, 'axial_correction': False, 'angular_correction': False,
+         'harmonics': 2}
+"""A table that has not been corrected; six balls determine two harmonics, and a part of the third."""
+HIDDEN = ({'kind': 'frame_drift', 'rate_um_per_h': (6.0, 0.0, 4.0)},
+          {'kind': 'table_zero_drift', 'rate_urad_per_h': 40.0})
+CORRECTION = 'correction.yaml'
+NUMBERED = ('1. calibrated: base model', '2. with the effects found', '3. corrected, calibrated again')
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+
+def demo_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('--balls', metavar='N', type=whole(None, 72), default=12,
                         help='balls on the plate = table positions (default 12)')
-    parser.add_argument('--order', help='order of measurement (default diagonal; with --hidden one that shows effects)')
+    parser.add_argument('--order', help='order of measurement (default sensitive: it shows nearly all effects)')
     drawn = random.SystemRandom().randrange(10**6)
     parser.add_argument('--hidden', metavar='SEED', nargs='?', type=whole(0, 2**31), const=drawn,
                         help='hide physical effects in the machine, drawn from SEED (a new one if none is given), '
                         'the sealed envelope says which')
-    parser.add_argument('--open', action='store_true', help='with --hidden: show all results and open the envelope '
+    parser.add_argument('--open', action='store_true', help='with --hidden: open the envelope '
                         'at the end (otherwise on a key press, or by rosette envelope RUN)')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')
@@ -62,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--keep', action='store_true', help='leave the cell running afterwards, until Ctrl-C')
 
 
-def run(options: argparse.Namespace) -> None:
+def run_demo(options: Namespace) -> None:
     """Run the demo."""
     if options.open and options.hidden is None:
         raise InvalidConfig('demo: --open goes with --hidden only; leave it out')
@@ -71,7 +97,7 @@ def run(options: argparse.Namespace) -> None:
                             ('--circle', options.circle), ('--keep', options.keep)):
             if given:
                 raise InvalidConfig(f'demo: --verification and {name} exclude each other; choose one')
-        verification_demo.run(options)
+        verify_method(options)
         return
     if options.circle and (options.hidden is not None or options.keep or options.dme):
         raise InvalidConfig('demo: --circle excludes --hidden, --keep and --dme; choose one')
@@ -82,10 +108,10 @@ def run(options: argparse.Namespace) -> None:
         raise UsageError('--axis: wanted 3 finite numbers that are not all 0, got '
                          f'{" ".join(f"{x:g}" for x in options.axis)}')
     if options.circle:
-        circle_demo.run(options)
+        go_round(options)
         return
     hidden = {} if options.hidden is None else {'hidden': {'seed': options.hidden, **hidden_demo.SIZES}}
-    order = options.order or ('sensitive' if hidden else 'diagonal')
+    order = options.order or 'sensitive'
     plan(options.balls, order, options.seed)  # refuses what cannot be measured
     config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls}, table=TABLE,
                                      placement={'axis': options.axis}, **hidden)
@@ -96,16 +122,18 @@ def run(options: argparse.Namespace) -> None:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
         log_path = running.calibrate(order, options.seed, 'turning: forward')
         if hidden:
-            hidden_demo.show(out, config, options.hidden, order, log_path, running.seconds, options.open)
+            hidden_demo.show_hidden(out, config, options.hidden, order, log_path, running.seconds, options.open)
         else:
             server = running.server
-            show(out, config, log_path, running.seconds, None if server is None else server.commands.cmm.clock.now())
+            show_demo(out, config, log_path, running.seconds,
+                      None if server is None else server.commands.cmm.clock.now())
         if options.keep:
             running.cell.news()  # its warnings were shown while it measured
             keep_running(out, running.cell)
 
 
-def show(out: Console, config: MachineConfig, log_path: Path, seconds: float, machine_s: float | None = None) -> None:
+def show_demo(out: Console, config: MachineConfig, log_path: Path, seconds: float,
+              machine_s: float | None = None) -> None:
     """Print the results beside the truth, write picture and report; machine_s: time of the machine behind a server."""
     run, source = open_source(log_path)
     summary = summarise(run) if run.n <= MOST_BALLS_ADVISED else None
@@ -133,8 +161,107 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float, ma
         write_report(where['Report'], summary, source, shlex.join(['rosette', 'report', shown(log_path)]))
     where |= {'Log': log_path, 'Machine': log_path / MACHINE}
     out.print(pairs([(name, escape(shown(path))) for name, path in where.items()]))
-    out.print('\nNext:')
+    out.print('\nNext, a machine with hidden effects, to be found from the readings:')
+    out.print(f'  {escape(command("demo", "--hidden"))}', soft_wrap=True)
+    out.print('This run again:')
     for verb in ('evaluate', 'studio', 'info', 'replay'):
         out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
     if program() != 'rosette':
         out.print(f'To type just rosette: {escape(command("shell"))}', soft_wrap=True)
+
+
+def go_round(options: Namespace) -> None:
+    """Go round once, and show all stages in a table and a picture."""
+    config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls}, table=WORN, hidden=HIDDEN,
+                                     placement={'axis': options.axis})
+    order, out = options.order or 'sensitive', console()
+    what = f'[bold]Calibrate, correct, calibrate again[/]: {options.balls} balls, order {order}'
+    with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
+        section(out, '1', 'calibrate')
+        before_path = running.calibrate(order, options.seed, 'turning: forward')
+        run, identity, _ = open_identified(before_path)
+        before = summarise(run)
+        print_verdict(out, verdict_text(before.verdict))
+        section(out, '2', 'add what is missing: the error falls')
+        final = before.final
+        print_table(out, nested_models(before.ladder))
+        section(out, '3', 'correct, and calibrate again')
+        correction = Correction(final.error_motions, final.error_motions, run_id=final.run.run_id, simulated=True)
+        (running.machine.parent / CORRECTION).write_text(format_correction(correction, identity['table.serial']),
+                                                        encoding='utf-8')
+        write_machine(config.changed(table={'correction_file': CORRECTION}), running.machine)
+        after_path = running.calibrate(order, options.seed + 1, 'turning: forward')
+        after = analyse(read_log(after_path).to_run(), final.model)
+        seconds = running.seconds
+    section(out, '4', 'verify')
+    check = check_correction(final.error_motions, after.error_motions, correction)
+    print_verdict(out, check)
+    fits = (before.fit, final, after)
+    print_parts(out, [check_table(check), stages(fits)])
+    picture, model = after_path / 'circle.png', after_path / MODEL
+    write_model(final.model, model, force=True)
+    title = f'Error motions of a simulated rotary table: {final.run.n} balls on R = {millimetres(final.run.radius)}'
+    labels = (f'{NUMBERED[0]}, which does not fit: no U', *NUMBERED[1:])
+    save(six_curves([Series(label, fit.error_motions, banded=fit is not before.fit) for label, fit in
+                     zip(labels, fits, strict=True)], title), picture)
+    out.print(f'\nTook {seconds:.1f} s\n')
+    logs = f'{shown(before_path)}\n{shown(after_path)}'
+    out.print(pairs([(name, escape(text)) for name, text in (
+        ('Picture', shown(picture)), ('Logs', logs), ('Correction', shown(after_path / CORRECTION)),
+        ('Model', shown(model)))]))
+    again = command('verify', shown(before_path), shown(after_path), '--correction', shown(after_path / CORRECTION),
+                    '--model', shown(model))
+    out.print(f'\nAgain from the logs:\n  {escape(again)}', soft_wrap=True)
+
+
+def stages(fits: tuple[Fit, Fit, Fit]) -> Table:
+    """Return how residual and errors fall from stage to stage."""
+    return Table('stages', 'What became of the error', (
+        words('stage', 'stage', NUMBERED),
+        micrometre_column('residual_um', 'residual', [fit.rms for fit in fits]),
+        *(column(of_all[0].curve, of_all[0].curve, [1e6 * one.range for one in of_all], partial(fixed, places=2), unit)
+          for of_all, unit in zip(zip(*(error_lines(fit.error_motions) for fit in fits)), CURVE_UNITS))),
+        note='Residual: standard deviation of a coordinate; errors: peak to valley.')
+
+
+def conditions(balls: int) -> tuple[dict[str, Any], ...]:
+    """Return what is changed in the machine's configuration for each run, in the order of ROLES."""
+    turned = {'clamping': {'plate_turn_deg': 360 / balls * max(1, round(balls / 4))}}
+    cmm_off = {'cmm': {'correction': False}}
+    return ({}, turned, cmm_off, {**cmm_off, 'table': {'axial_correction': False}},
+            {'table': {'angular_correction': False}}, {})
+
+
+def verify_method(options: Namespace) -> None:
+    """Measure all runs in one cell, write the maker's table and the report, and print where they are."""
+    config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls},
+                                     placement={'axis': options.axis})
+    order, out, paths = options.order or 'diagonal', console(), []
+    what = f'[bold]The verification of the paper[/]: {len(ROLES)} runs of {options.balls} balls, order {order}'
+    with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
+        for (label, _), changes in zip(ROLES, conditions(options.balls), strict=True):
+            write_machine(config.changed(**changes), running.machine)
+            out.print(f'[bold]{escape(label)}[/]')
+            paths.append(running.calibrate(order, options.seed))
+    seconds, name = running.seconds, f'verification_{paths[0].name}'
+    maker, page = running.logs / f'{name}_maker.csv', running.logs / f'{name}.html'
+    write_text(maker, maker_table(Machine(config)))
+    verification = verification_of(paths, maker)
+    again = ['report', '--compare', *map(shown, paths), '--maker', shown(maker)]
+    write_text(page, verification_html(verification, shlex.join(['rosette', *again])))
+    out.print(f'\nTook {seconds:.1f} s; a real cell would have measured for '
+              f'{sum(one.fit.run.time[-1] for one in verification.members) / 3600:.1f} h\n')
+    print_result(out, verification.verdict, shown(page))
+    out.print('\nAgain from the logs:')
+    out.print(f'  {escape(command(*again))}', soft_wrap=True)
+
+
+def maker_table(machine: Machine) -> str:
+    """Return the correction tables of the table's maker as CSV text."""
+    angle = nominal_angles(72)  # many more supporting points than a plate has balls
+    curves = 1e6 * machine.maker_table(angle)
+    lines = [f'{degrees:g},{row[2] + 0.0:.6f},{row[5] + 0.0:.6f}' for degrees, row in zip(np.rad2deg(angle), curves)]
+    return '\n'.join([','.join(MAKER_COLUMNS), *lines]) + '\n'
+
+
+IMPLEMENTED = {'demo': (demo_arguments, run_demo)}

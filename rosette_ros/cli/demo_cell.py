@@ -19,8 +19,7 @@ from rich.console import Console
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.arguments import made_folder
-from rosette_ros.cli.calibrate import calibrate
-from rosette_ros.cli.cell import identity_parameter, refuse_second_cell, started
+from rosette_ros.cli.cell import calibrate, identity_parameter, refuse_second_cell, started
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.least_squares import Fit

@@ -1,35 +1,89 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette evaluate: the six error motions of a run, or of several as one, deviations, uncertainties, the verdict."""
+"""What a run says: its error motions, which effect is missing, where a model fails; the runs of a folder."""
 
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+from rich.console import Console
 from rich.markup import escape
+from rich.text import Text
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, find
-from rosette_ros.cli.arguments import add_formats, add_shared
-from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict, warn
+from rosette_ros import command
+from rosette_ros.analysis import (
+    MOST_BALLS_ADVISED,
+    MOST_BALLS_JUDGED,
+    advise_run,
+    compare,
+    cross_check,
+    diagnose,
+    evaluate_jointly,
+    judge,
+    ladder,
+)
+from rosette_ros.cli.arguments import add_formats, add_shared, picture_file, plots
+from rosette_ros.cli.console import (
+    COLOURS,
+    console,
+    fit_rows,
+    head,
+    pairs,
+    print_json,
+    print_parts,
+    print_verdict,
+    say,
+    warn,
+)
+from rosette_ros.cli.data import broken_off, counts_of
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
-from rosette_ros.cli.verdict_card import print_card
-from rosette_ros.core.diagnosis.diagnosis import Finding
+from rosette_ros.cli.opened import Opened
+from rosette_ros.core.diagnosis.comparison import Comparison
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding
+from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
+from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
+from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_run import joint_identity, open_identified, open_readings
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.visibility import Visibility, visibility
+from rosette_ros.io.bag_metadata import runs_in
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.open_run import is_log, joint_identity, open_readings, open_run
 from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation import joint_results as results
+from rosette_ros.presentation import tables
 from rosette_ros.presentation.error_results import errors
-from rosette_ros.presentation.formatting import FOUND, NOW
-from rosette_ros.presentation.json_output import evaluation_json
+from rosette_ros.presentation.explanation_results import causes, explanations
+from rosette_ros.presentation.formatting import FOUND, NOW, micrometres, uncertainty_words
+from rosette_ros.presentation.json_output import comparison_json, diagnosis_json, evaluation_json, verdict_json
+from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
-from rosette_ros.words.result_words import conclusion_text
+from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.effect_words import capital
+from rosette_ros.words.result_words import DOES_NOT_FIT, check_words, comparison_words, conclusion_text
+from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_text
+
+NEXT_BEST = 4
+"""So many explanations, and effects that are not identified, are shown."""
+CANDIDATE_COLUMNS = (
+    'effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um',
+    'look_alikes')
+WIDEST_MAP = 40
+"""Most balls for which the map of the readings fits on a screen."""
+LOW, HIGH = 2.0, 3.0
+"""Residual of a reading in σ from which it is shown as a digit, and in red."""
+NEW_MODEL = 'model.yaml'
+"""Model file of a command where the run was judged without one."""
 
 
-def add_arguments(parser: ArgumentParser) -> None:
+def evaluate_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--model')
@@ -38,34 +92,31 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
-def run(options: Namespace) -> None:
+def run_evaluate(options: Namespace) -> None:
     """Print the evaluation."""
     if is_joint(options):
-        run_jointly(options)
+        evaluate_runs_jointly(options)
         return
-    measured, identity, _ = open_identified(options.run_path[0], options.run_id, options.identity)
-    measured, refit = (open_refitted(options.run_path[0], options.run_id) if options.refit_spheres else
-                       (measured, None))
-    tolerances = identity.limits(measured.rotation)
-    fit = analyse(measured, read_model(options.model))
-    found = find(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED and not options.csv else None
-    verdict = found.verdict if found else None
-    if verdict is None:
+    opened, refit = Opened(options, options.run_path[0]), None
+    if options.refit_spheres:
+        opened.run, refit = open_refitted(opened.path, options.run_id)
+    fit, tolerances = opened.fit, opened.identity.limits(opened.run.rotation)
+    if options.csv or opened.verdict is None:
         warn(fit.run)
     if options.csv:
         sys.stdout.write(curves(fit.error_motions).csv())
         return
-    lines = fit_lines(fit, tolerances, doubt_of(verdict))
+    lines = fit_lines(fit, tolerances, doubt_of(opened.verdict))
     if options.json:
         spheres = {'spheres': spheres_json(refit)} if refit else {}
-        print_json({**evaluation_json(fit, verdict, lines), **spheres})
+        print_json({**evaluation_json(fit, opened.verdict, lines), **spheres})
     else:
-        show(options, fit, found, lines)
+        show_evaluation(options, fit, opened.finding, lines)
         if refit:
             print_parts(console(), [sphere_table(refit), pairs(sphere_rows(refit))])
 
 
-def show(options: Namespace, fit: Fit, found: Finding | None, lines: Sequence[AxisError]) -> None:
+def show_evaluation(options: Namespace, fit: Fit, found: Finding | None, lines: Sequence[AxisError]) -> None:
     """Print the evaluation; found: None where the plate has too many balls to judge it unasked; lines: of errors."""
     out = console()
     out.print(head(fit.run))
@@ -80,7 +131,7 @@ def show(options: Namespace, fit: Fit, found: Finding | None, lines: Sequence[Ax
         fitted_effects(fit.effects, 'Effects in the model'), pairs(fit_rows(fit))])
 
 
-def run_jointly(options: Namespace) -> None:
+def evaluate_runs_jointly(options: Namespace) -> None:
     """Print the joint evaluation of all runs."""
     declared = read_sharing(options.share, len(options.run_path))
     result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path], declared)
@@ -100,3 +151,214 @@ def run_jointly(options: Namespace) -> None:
         print_parts(out, [*results.joint_errors(result, tolerances), results.sharing_table(result),
                           *results.joint_curves(result),
                           pairs((name, escape(words)) for name, words in results.joint_rows(result))])
+
+
+def diagnose_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'run_path', '--model')
+    parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
+                        'identified in RUN confirmed there?')
+    add_shared(parser, '--json')
+
+
+def run_diagnose(options: Namespace) -> None:
+    """Print the diagnosis."""
+    opened, other = Opened(options), open_run(options.check) if options.check else None
+    diagnosis = diagnose(opened.run, opened.model)
+    check, invisible = None if other is None else cross_check(other, diagnosis), invisible_effects(diagnosis)
+    if options.json:
+        print_json(diagnosis_json(diagnosis, invisible, check))
+        return
+    out = console()
+    out.print(head(opened.run))
+    print_card(out, diagnosis.verdict, options.run_path, options.model)
+    show_diagnosis(out, diagnosis, invisible)
+    if check is not None:
+        colour = {True: 'green', False: 'red', None: 'yellow'}[check.confirmed]
+        out.print(f'\n[bold]Checked on {escape(check.before.run.run_id or check.before.run.source)}[/], which had no '
+                  f'part in the search\n[{colour}]{escape(check_words(check))}[/]')
+        print_parts(out, [tables.cross_check(check)])
+
+
+def invisible_effects(diagnosis: Diagnosis) -> tuple[Visibility, ...]:
+    """Return the Visibility of every effect that the run could not have shown."""
+    final, names = diagnosis.final, diagnosis.invisible
+    return visibility(final.run, final.sigma, final.model.base, names=names) if names else ()
+
+
+def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) -> None:
+    """Print what is behind the verdict; invisible: of the effects that the run could not have shown."""
+    refused, measured = '; '.join(f'{name}: {reason}' for name, reason in diagnosis.unavailable), diagnosis.fit.run
+    advice = advice_words(advise_run(measured)) if invisible and measured.n <= MOST_BALLS_ADVISED else ''
+    notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
+    claimed = [one for one in diagnosis.candidates if one.claimed]
+    others = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST]
+    print_parts(out, [
+        tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
+                       'Parameters of the missing effects, all fitted together'),
+        explanations(diagnosis).first(NEXT_BEST),
+        tables.candidates(others, measured, 'The next best').select(*CANDIDATE_COLUMNS),
+        tables.bias(invisible, measured.rotation), pairs(notes) if notes else None])
+
+
+def compare_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'run_path', '--model')
+    parser.add_argument('--ladder', action='store_true',
+                        help='the error of nested models: from the base model on, effect by effect')
+    parser.add_argument('--noise-picture', metavar='FILE', type=picture_file,
+                        help='write the picture of the noise that the report has: quantiles, scatter by axis, ball, '
+                        'CMM position and time, correlation of neighbours (.png, .svg or .pdf)')
+    add_shared(parser, '--force', '--json')
+
+
+def run_compare(options: Namespace) -> None:
+    """Print the comparison."""
+    if options.noise_picture:
+        refuse_output(options.noise_picture, options.force)
+    opened = Opened(options)
+    comparison, verdict = compare(opened.run, opened.model), judge(opened.run, opened.model)
+    steps = ladder(opened.run, opened.model) if options.ladder else ()
+    if options.noise_picture:
+        plots('plot_style').save(plots('noise_plots').noise(diagnose(opened.run, opened.model).final),
+                                 options.noise_picture, options.force)
+    if options.json:
+        print_json(comparison_json(comparison, verdict, steps))
+        return
+    out = console()
+    out.print(head(opened.run))
+    show_comparison(out, comparison, verdict)
+    print_parts(out, [tables.nested_models(steps)])
+    if verdict.missing or verdict.unnamed:
+        model = ('--model', options.model) if options.model else ()
+        out.print(f'\nWhat is missing:\n  {escape(command("diagnose", options.run_path, *model))}', soft_wrap=True)
+    if options.noise_picture:
+        out.print(f'\nPicture of the noise: {escape(str(options.noise_picture))}')
+
+
+def show_comparison(out: Console, comparison: Comparison, verdict: Verdict) -> None:
+    """Print whether the model fits, and where it does not."""
+    sigma, source = tables.noise_of(comparison.fit)
+    if verdict.missing or verdict.unnamed:
+        say(out, DOES_NOT_FIT, COLOURS[verdict.level])
+        for remark in comparison.fit.run.remarks:
+            say(out, f'{capital(remark)}.')
+    else:
+        print_verdict(out, verdict_text(verdict))
+    out.print(f'{escape(comparison_words(comparison))} Residuals are given in σ = {micrometres(sigma)}, {source}; '
+              f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
+    print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),
+                      tables.worst_readings(comparison), tables.waves(comparison)])
+
+
+def reading_map(comparison: Comparison, sigma: float) -> Text | None:
+    """Return the map of all readings, rows table positions, columns balls; None where it is too wide."""
+    run = comparison.fit.run
+    if run.n > WIDEST_MAP:
+        return None
+    grid = np.full((run.n, run.n), np.nan)
+    np.fmax.at(grid, (run.table_position - 1, run.ball - 1), comparison.sizes / sigma)
+    text = Text('Residual of every reading in σ', style='bold')
+    text.append(f' (· below {LOW:g}, digits up to 9; blank: not measured)\n', style='default')
+    text.append(f'table\\ball {" ".join(str(ball % 10) for ball in range(1, run.n + 1))}', style='dim')
+    for position, line in enumerate(grid, 1):
+        text.append(f'\n{position:>10} ', style='dim')
+        for size in line:
+            text.append(*_mark(size))
+    return text
+
+
+def _mark(size: float) -> tuple[str, str]:
+    if np.isnan(size):
+        return '  ', 'default'
+    return ('· ', 'dim') if size < LOW else (f'{min(int(size), 9)} ', 'red' if size >= HIGH else 'yellow')
+
+
+def runs_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('folder', metavar='FOLDER', nargs='?', default='rosette-runs',
+                        help='folder of logs and tables (default rosette-runs)')
+    add_shared(parser, '--json')
+
+
+def run_runs(options: Namespace) -> None:
+    """Print the runs."""
+    out = console()
+    paths = runs_in(options.folder)
+    with out.status('') as status:
+        found = []
+        for place, path in enumerate(paths, 1):
+            status.update(f'{place} of {len(paths)}: {escape(path.name)}')
+            found.append(run_facts(path))
+    if options.json:
+        print_json({'schema': 'rosette-runs/1', 'folder': options.folder, 'runs': found})
+        return
+    out.print(f'[bold]{counted(len(found), "run")}[/] in {escape(options.folder)}')
+    print_parts(out, [Table('runs', 'Newest first', (
+        words('run', 'run', [Path(one['path']).name for one in found]),
+        words('balls', 'balls', [one['n'] or '' for one in found]),
+        words('verdict', 'verdict', [one['verdict'] or one['problem'] for one in found]),
+        words('judged', 'judged', [one['judged'] for one in found])),
+        levels=tuple(one['level'] or '' for one in found),
+        note='judged: by its cell at the end of the run, as its log holds it; or now, from the readings')])
+
+
+def run_facts(path: Path) -> dict[str, Any]:
+    """Return what is known of one run; problem: why it has no verdict, '' where it has one.
+
+    The verdict of its cell on the base model is taken from the log: to judge 20 runs anew takes half a minute."""
+    problem, verdict, n, size, judged = '', None, None, None, ''
+    try:
+        log = read_log(path) if is_log(path) else None
+        begun = [(name, run.targets[0].balls) for name, run in log.runs.items() if run.targets] if log else []
+        if log and len(begun) == 1 and (stopped := broken_off(log, begun[0][0])):
+            (name, n), = begun
+            size = counts_of(log, name).get('run', {}).get('answered', 0)
+            return {'path': str(path), 'n': n, 'readings': size, **verdict_json(None), 'judged': '',
+                    'problem': f'{n} balls, {stopped}'}
+        measured = log.to_run() if log else open_run(path)
+        n, size = measured.n, measured.size
+        if log and not log.problems and (verdict := log.verdicts.get((measured.run_id, str(Model())))):
+            judged = 'cell'
+        elif n <= MOST_BALLS_JUDGED:
+            verdict, judged = verdict_text(judge(measured)), 'now'
+        else:
+            problem = f'more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN'
+    except RosetteError as error:
+        problem = str(error)
+    return {'path': str(path), 'n': n, 'readings': size, **verdict_json(verdict), 'judged': judged,
+            'problem': problem}
+
+
+def print_card(out: Console, verdict: Verdict, run_path: Path | str, model: Path | str | None = None) -> None:
+    """Print the card of a verdict on a run; model: the file of the model that was judged, None for the base model."""
+    text = verdict_text(verdict)
+    has_headline = verdict.outcome != Outcome.FITS  # whose sentence says it
+    if has_headline:
+        out.print(f'[bold {COLOURS[verdict.level]}]{HEADLINES[verdict.outcome]}[/]')
+    say(out, text.sentence, None if has_headline else COLOURS[verdict.level])
+    if verdict.missing:
+        print_parts(out, [causes(verdict)])
+        out.print()
+    for sentence in (*text.limits, *([text.action] if text.action != NOTHING_TO_DO else [])):
+        say(out, sentence)
+    for what in _commands(verdict):
+        line = command('add', *what, '--model', model or NEW_MODEL, '--run', run_path)
+        out.print(f'  {escape(line)}', soft_wrap=True)
+
+
+def _commands(verdict: Verdict) -> Iterator[list[str]]:
+    """Yield what to add: all causes together, then each motion without a name."""
+    if verdict.missing:
+        yield [one.name for one in verdict.missing]
+    for one in verdict.unnamed:
+        yield [FREE.name, *_settings(one.setting)]
+
+
+def _settings(setting: Mapping[str, float | str]) -> list[str]:
+    return [word for name, value in setting.items() for word in ('--set', f'{name}={value}')]
+
+
+IMPLEMENTED = {
+    'evaluate': (evaluate_arguments, run_evaluate), 'diagnose': (diagnose_arguments, run_diagnose),
+    'compare': (compare_arguments, run_compare), 'runs': (runs_arguments, run_runs)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette demo --hidden: a machine hides effects, and the readings alone show which.
+"""The demo whose machine hides effects, and its envelope: the readings alone show what is hidden.
 
 What is hidden is sealed before anything is measured; the digest on the screen proves that nothing was changed until the
 envelope is opened and compared with the diagnosis.
@@ -7,6 +7,7 @@ envelope is opened and compared with the diagnosis.
 
 import math
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,26 +18,28 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
-from rosette_ros.cli import compare as compare_verb
-from rosette_ros.cli import diagnose as diagnose_verb
-from rosette_ros.cli.console import head, pairs, print_table
+from rosette_ros.cli.arguments import add_shared
+from rosette_ros.cli.console import COLOURS, console, head, pairs, print_table, say
 from rosette_ros.cli.demo_cell import MACHINE, shown
 from rosette_ros.cli.demo_cell import compare as compare_truth
+from rosette_ros.cli.evaluate import invisible_effects, show_comparison, show_diagnosis
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.model_file import write_model
+from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.presentation.formatting import exact, fixed, residual_words, sigmas
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import nested_models
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 from rosette_ros.simulation.envelope import open_envelope, seal_envelope
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.verdict_words import titles
 
 ENVELOPE, MODEL = 'envelope.json', 'model.yaml'
 INSTANTS = ('at_h', 'from_h')
@@ -54,7 +57,7 @@ def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
               f'  sha256 {digest}')
 
 
-def show(out: Console, config: MachineConfig, seed: int, order: str, log_path: Path, seconds: float,
+def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_path: Path, seconds: float,
          is_open: bool = False) -> None:
     """Print how badly the base model fits and how to go on; the envelope stays shut until it is asked for.
 
@@ -72,33 +75,41 @@ def show(out: Console, config: MachineConfig, seed: int, order: str, log_path: P
             out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
         is_open = sys.stdin.isatty() and out.is_terminal
         if is_open:
-            out.input('Press Enter to see the results now and open it, or Ctrl-C to leave it shut. ')
+            out.input('Press Enter to open it now, or Ctrl-C to leave it shut. ')
     if is_open:
         tell(out, log_path)
 
 
-def tell(out: Console, log_path: Path) -> None:
-    """Print all results of a run, then open its envelope."""
-    config = load_machine(log_path / MACHINE)
-    log = read_log(log_path)
+def tell(out: Console, log_path: Path, model_path: str | None = None, whole: bool = False) -> None:
+    """Open the envelope of a run beside what is found; model_path: judge this model instead; whole: print all results.
+
+    Writes the model that is found beside the log."""
+    config, log = load_machine(log_path / MACHINE), read_log(log_path)
     run = log.to_run()
+    mine = None if model_path is None else analyse(run, read_model(model_path))
     summary = summarise(run)
     out.print(f'\n{head(run)}')
-    section(out, '1', 'evaluate: does the base model explain the readings?')
-    out.print(residual_words(summary.fit))
-    section(out, '2', 'compare: where does it fail?')
-    compare_verb.show(out, summary.comparison, summary.verdict)
-    section(out, '3', 'diagnose: what is missing?')
-    diagnose_verb.show(out, summary.diagnosis, diagnose_verb.invisible_effects(summary.diagnosis))
-    section(out, '4', 'add: does the error fall?')
-    print_table(out, nested_models(summary.ladder))
+    found = summary.final if mine is None else mine
+    named = summary.diagnosis.missing if mine is None else tuple(term.name for term in mine.model.terms)
+    show_envelope(out, config, log_path, run, summary.diagnosis, named, model_path)
+    show_truth(out, config, log.frame_of(run.run_id), summary.fit, found)
+    if whole:
+        section(out, '1', 'evaluate: does the base model explain the readings?')
+        out.print(residual_words(summary.fit))
+        section(out, '2', 'compare: where does it fail?')
+        show_comparison(out, summary.comparison, summary.verdict)
+        section(out, '3', 'diagnose: what is missing?')
+        show_diagnosis(out, summary.diagnosis, invisible_effects(summary.diagnosis))
+        section(out, '4', 'add: does the error fall?')
+        print_table(out, nested_models(summary.ladder))
+        section(out, '5', 'advise: what to measure next?')
+        out.print(advice_words(summary.advice or advise_run(run)))
+    else:
+        again = ('--model', model_path) if model_path else ()
+        out.print(f'\nHow it is found, step by step:\n  '
+                  f'{escape(command("envelope", shown(log_path), *again, "--all"))}', soft_wrap=True)
     write_model(summary.final.model, log_path / MODEL, force=True)
-    show_truth(out, config, log.frame_of(run.run_id), summary.fit, summary.final)
-    section(out, '5', 'advise: what to measure next?')
-    out.print(advice_words(summary.advice or advise_run(run)))
-    section(out, '6', 'the envelope')
-    show_envelope(out, config, log_path, run, summary.diagnosis)
-    out.print(f'\nModel: {escape(shown(log_path / MODEL))}')
+    out.print(f'\nModel with all that is found: {escape(shown(log_path / MODEL))}', soft_wrap=True)
 
 
 def section(out: Console, number: str, title: str) -> None:
@@ -119,23 +130,31 @@ def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before:
               f'  {sizes[1]} after; expected 1.')
 
 
-def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run, diagnosis: Diagnosis) -> None:
-    """Open the envelope and print what was hidden beside what was found."""
+def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run, diagnosis: Diagnosis,
+                  named: Sequence[str], model: str | None = None) -> None:
+    """Open the envelope and print what was hidden beside what is named, by the diagnosis or by the model of a file."""
     envelope = open_envelope(log_path / ENVELOPE)
     begin, strengths = visible_strengths(config, run, envelope.hidden)
     kinds = [hidden['kind'] for hidden in envelope.hidden]
-    answers = [answer(kind, strength, diagnosis) for kind, strength in zip(kinds, strengths, strict=True)]
-    out.print(f'sha256 {envelope.digest}, as it was sealed\n')
+    answers = [answer(kind, strength, diagnosis, named) for kind, strength in zip(kinds, strengths, strict=True)]
+    levels, wrong = [level for _, level in answers], wrongly_named(kinds, diagnosis, named)
+    who = 'The diagnosis' if model is None else f'The model of {model}'
+    parts = [f'{title}: {titles(names)}' for title, names in (
+        ('found', [kind for kind, level in zip(kinds, levels) if level == Level.GOOD]),
+        ('missed', [kind for kind, level in zip(kinds, levels) if level == Level.BAD]),
+        ('not to be seen in this run', [kind for kind, level in zip(kinds, levels) if level == Level.DOUBTFUL]),
+        ('superfluous', wrong)) if names]
+    say(out, f'{who}: {"; ".join(parts)}.', COLOURS['bad' if Level.BAD in levels or wrong else 'good'])
+    out.print()
     print_table(out, Table('hidden', 'What was hidden, and what was found', (
         words('kind', 'hidden', kinds),
         words('parameters', 'with', [content(hidden, begin) for hidden in envelope.hidden]),
         column('strength', 'visible', strengths, sigmas),
-        words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers)))
-    if wrong := wrongly_named(kinds, diagnosis):
-        out.print(f'[yellow]Named but not hidden: {escape(", ".join(wrong))}[/]')
+        words('answer', 'answer', [text for text, _ in answers])), levels=tuple(levels)))
     out.print('visible: size in the readings of what table, plate and CMM cannot cause, in σ of '
               f'a coordinate; from {SURE_SIGMA:g} σ it should be named\n'
-              'times count from the first reading of the run')
+              'times count from the first reading of the run\n'
+              f'sha256 {envelope.digest}, as it was sealed')
 
 
 def content(hidden: Mapping[str, Any], begin: float) -> str:
@@ -151,21 +170,21 @@ def _value(value: Any) -> str:
     return exact(value, 3) if isinstance(value, float) and math.isfinite(value) else str(value)
 
 
-def _named_instead(kind: str, diagnosis: Diagnosis) -> list[str]:
-    """Return the effects that are claimed and of which it is stated that a hidden one looks the same."""
-    return [entry.effect for entry in diagnosis.candidates if entry.claimed and kind in entry.look_alikes]
+def _named_instead(kind: str, diagnosis: Diagnosis, named: Sequence[str]) -> list[str]:
+    """Return the effects that are named and of which it is stated that a hidden one looks the same."""
+    return [entry.effect for entry in diagnosis.candidates if entry.effect in named and kind in entry.look_alikes]
 
 
-def wrongly_named(kinds: Sequence[str], diagnosis: Diagnosis) -> list[str]:
-    """Return the names that a diagnosis claims and that neither are hidden nor stand for what is, as stated."""
-    right = {*kinds, *(name for kind in kinds for name in _named_instead(kind, diagnosis))}
-    return [name for name in diagnosis.missing if name not in right]
+def wrongly_named(kinds: Sequence[str], diagnosis: Diagnosis, named: Sequence[str]) -> list[str]:
+    """Return the names that neither are hidden nor stand for what is, as the diagnosis states."""
+    right = {*kinds, *(name for kind in kinds for name in _named_instead(kind, diagnosis, named))}
+    return [name for name in dict.fromkeys(named) if name not in right]
 
 
-def answer(kind: str, strength: float, diagnosis: Diagnosis) -> tuple[str, Level]:
-    """Return what the diagnosis found of a hidden effect."""
-    alike = _named_instead(kind, diagnosis)
-    if kind in diagnosis.missing:
+def answer(kind: str, strength: float, diagnosis: Diagnosis, named: Sequence[str]) -> tuple[str, Level]:
+    """Return whether a hidden effect is named; one that could not be seen is doubtful."""
+    alike = _named_instead(kind, diagnosis, named)
+    if kind in named:
         return 'named', Level.GOOD
     if alike:
         return f'named as {alike[0]}, which looks the same here, as stated', Level.GOOD
@@ -187,3 +206,21 @@ def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[
     left = BaseSpace(run, run.radius).residual(np.array(moved).reshape(len(hidden), run.size, 3) - clean)
     strengths = np.linalg.norm(left.reshape(len(hidden), -1), axis=1) / (1e-6 * config.probing.repeatability_um)
     return float(made[0][2].time[0]), strengths
+
+
+def envelope_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'run_path')
+    add_shared(parser, '--model', help='judge your own model: what it has found, missed, and what is superfluous')
+    parser.add_argument('--all', action='store_true', help='print how it is found, too, step by step')
+
+
+def run_envelope(options: Namespace) -> None:
+    """Open the envelope; raises InvalidData where the run has none."""
+    path = Path(options.run_path)
+    if not (path / ENVELOPE).is_file():
+        raise InvalidData(f'{path}: wanted the log of `rosette demo --hidden`, got none with {ENVELOPE}')
+    tell(console(), path, options.model, options.all)
+
+
+IMPLEMENTED = {'envelope': (envelope_arguments, run_envelope)}

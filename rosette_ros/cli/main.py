@@ -1,31 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `rosette`: finds the verb, runs it, and is the one place where errors are printed.
 
-A verb is a module with `add_arguments(parser)` and `run(options)`, or with `WHAT`, a table of its words with theirs. It
-is imported on demand, so that `rosette plan` loads neither ROS nor the plotting library.
+A module of verbs has a table `IMPLEMENTED`: of each verb the function that declares its arguments and the one that
+carries it out, or a table of its words with what they do and theirs. It is imported on demand, so that `rosette plan`
+loads neither ROS nor the plotting library.
 """
 
 import argparse
 import codecs
 import gc
-import importlib
-import importlib.util
 import io
 import os
-import re
 import shlex
 import shutil
 import signal
 import sys
 import textwrap
-import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import FrameType, ModuleType
-from typing import Any, NoReturn
+from types import FrameType
+from typing import Any, NoReturn, TypeAlias
 
 from rosette_ros import __version__
-from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs
+from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs, load
 from rosette_ros.core.errors import RosetteError, one_line, unknown_name
 from rosette_ros.nodes.environment import check_middleware
 
@@ -35,51 +32,49 @@ SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u',
 GROUPS = {
     'try': {
         'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
-        'envelope': ('envelope', 'open the envelope of demo --hidden: what was hidden, what was found'),
-        'shell': ('shell', 'a shell that finds rosette and the Python with ROS')},
+        'envelope': ('hidden_demo', 'open the envelope of demo --hidden: what was hidden, what was found'),
+        'shell': ('main', 'a shell that finds rosette and the Python with ROS')},
     'measure': {
         'plan': ('plan', 'what a plan measures and determines; plans side by side'),
-        'advise': ('advise', 'what an order of measurement can show, and what to measure next'),
-        'check-cmm': ('check_cmm', 'try a CMM before a calibration: what its node does wrong'),
+        'advise': ('plan', 'what an order of measurement can show, and what to measure next'),
+        'check-cmm': ('cell', 'try a CMM before a calibration: what its node does wrong'),
         'dme': ('dme', 'a CMM with an I++ DME server: check it, its paths; or a server for tests'),
         'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
-        'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result')},
+        'calibrate': ('cell', 'start a calibration in a running cell and wait for the result')},
     'evaluate': {
         'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
-        'diagnose': ('diagnose', 'which physical effect is missing from the model'),
-        'compare': ('compare', 'where a model fails on a run, and by how much of the noise'),
-        'budget': ('uncertainty', 'the uncertainty budget of a run (GUM), confirmed by Monte Carlo')},
+        'diagnose': ('evaluate', 'which physical effect is missing from the model'),
+        'compare': ('evaluate', 'where a model fails on a run, and by how much of the noise'),
+        'budget': ('products', 'the uncertainty budget of a run (GUM), confirmed by Monte Carlo')},
     'improve': {
-        'effects': ('effects', 'the library of physical effects, or one of them explained'),
-        'add': ('add', 'add effects to a model file; with --run, the error before and after'),
-        'remove': ('remove', 'remove an effect from a model file; with --run, the error before and after'),
-        'correct': ('correct', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
-        'verify': ('verify', 'whether a correction did what it promised, by a run before and one after')},
+        'effects': ('model', 'the library of physical effects, or one of them explained'),
+        'add': ('model', 'add effects to a model file; with --run, the error before and after'),
+        'remove': ('model', 'remove an effect from a model file; with --run, the error before and after'),
+        'correct': ('products', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
+        'verify': ('products', 'whether a correction did what it promised, by a run before and one after')},
     'document': {
         'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
         'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
         'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check')},
     'archive': {
-        'info': ('info', 'what is in a run'),
-        'runs': ('runs', 'the runs in a folder, with their verdicts'),
+        'info': ('data', 'what is in a run'),
+        'runs': ('evaluate', 'the runs in a folder, with their verdicts'),
         'archive': ('archive', 'many runs of many cells: add, ask, evaluate under another model'),
-        'trend': ('trend', 'how a table changes over the runs of an archive; when to calibrate again'),
-        'import': ('import_csv', 'convert a ball-centre table (CSV) to a log'),
-        'export': ('export_csv', 'convert a run to a ball-centre table (CSV)'),
+        'trend': ('archive', 'how a table changes over the runs of an archive; when to calibrate again'),
+        'import': ('data', 'convert a ball-centre table (CSV) to a log'),
+        'export': ('data', 'convert a run to a ball-centre table (CSV)'),
         'replay': ('replay', 'publish the messages of a log again, for an evaluator')}}
-"""By what one wants to do: verb: (module in rosette_ros.cli, what it does). A new verb is a new module and a line."""
+"""By what one wants to do: verb: (module in rosette_ros.cli, what it does). A new verb is two functions and a line."""
 VERBS = {verb: what for group in GROUPS.values() for verb, what in group.items()}
 
 FEWER_COLLECTIONS = 10_000
 """New objects after which garbage is looked for: figures are made of many and leave little; a twelfth of a report."""
-_ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
-_SOURCE = 'source the set-up file of ROS 2 and of the workspace'
-_ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
 WITH_ROS = ('demo', 'cell', 'check-cmm', 'calibrate', 'studio', 'replay')
 """Verbs that load ROS."""
-INSTALL = {'nicegui': 'pip install nicegui plotly',
-           **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), _ARCHIVE)}
-"""Package: how it is installed, where that is not its name alone."""
+Arguments: TypeAlias = Callable[[argparse.ArgumentParser], None]
+Carry: TypeAlias = Callable[[argparse.Namespace], int | None]
+Implementation: TypeAlias = tuple[Arguments, Carry] | Mapping[str, tuple[str, Arguments, Carry]]
+"""What a module of verbs has of one: its arguments and its function; or by word what it does, and the same of it."""
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
@@ -196,8 +191,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     for verb, (module, text) in VERBS.items():
         of_verb = verbs.add_parser(verb, description=f'{text[0].upper()}{text[1:]}.')
         if verb == asked:
-            implementation = _implementation(verb, module)
-            has_words = declare(of_verb, implementation)
+            has_words = declare(of_verb, implementation(verb, module))
             of_verb.set_defaults(command_line=shlex.join(['rosette', *argv]))
             if verb != 'shell' and not has_words:  # which have options of their own
                 return of_verb.parse_intermixed_args(argv[1:])
@@ -206,42 +200,57 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(argv or [asked])
 
 
-def declare(parser: argparse.ArgumentParser, verb: ModuleType) -> bool:
+def declare(parser: argparse.ArgumentParser, verb: Implementation) -> bool:
     """Add the arguments of a verb, or its words with theirs; return whether it has words."""
-    if not hasattr(verb, 'WHAT'):
-        verb.add_arguments(parser)
-        parser.set_defaults(run=verb.run)
+    if isinstance(verb, tuple):
+        add_arguments, run = verb
+        add_arguments(parser)
+        parser.set_defaults(run=run)
         return False
     words = parser.add_subparsers(metavar='WHAT', required=True)
-    for word, (text, add_arguments, run) in verb.WHAT.items():
+    for word, (text, add_arguments, run) in verb.items():
         made = words.add_parser(word, help=text, description=f'{text[0].upper()}{text[1:]}.')
         add_arguments(made)
         made.set_defaults(run=run)
     return True
 
 
-def _implementation(verb: str, module: str) -> ModuleType:
-    """Return the module of a verb; raise UsageError, naming the package, where one is not installed."""
+def implementation(verb: str, module: str) -> Implementation:
+    """Return how a verb is carried out; raise UsageError, naming the package, where one is not installed."""
     if verb in WITH_ROS:
         check_middleware()
-    try:
-        return importlib.import_module(f'rosette_ros.cli.{module}')
-    except RosetteError:
-        raise
-    except Exception as error:
-        package = (getattr(error, 'name', None) or '').partition('.')[0]
-        file = traceback.extract_tb(error.__traceback__)[-1].filename
-        is_ours = package in ('', 'rosette_ros') and Path(file).is_relative_to(Path(__file__).parents[1])
-        if is_ours or package == 'rosette_ros':
-            raise
-        if isinstance(error, ModuleNotFoundError) and importlib.util.find_spec(package) is None:
-            install = _SOURCE if _ROS.fullmatch(package) else INSTALL.get(package, f'pip install {package}')
-            raise UsageError(f'{verb}: wanted the Python package {package}, got none; {install}') from error
-        where = getattr(sys.modules.get(package), '__file__', None) or file
-        raise UsageError(f'{verb}: {where}: wanted a package that can be loaded, got: '
-                         f'{" ".join(str(error).split()):.300}; check PYTHONPATH and the settings of that package'
-                         ) from error
+    made: Implementation = load(f'rosette_ros.cli.{module}', verb).IMPLEMENTED[verb]
+    return made
 
+
+def shell_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('command', metavar='COMMAND', nargs=argparse.REMAINDER,
+                        help='a command and its arguments, such as: python my_cmm.py (default: a shell)')
+
+
+def run_shell(options: argparse.Namespace) -> None:
+    """Become the command, or the user's shell; raises UsageError where it is not found.
+
+    A start-up file may put other folders before ours; bash is given one that reads the user's and then ours."""
+    folder = str(Path(sys.executable).parent)
+    environment = {**os.environ, 'PATH': os.pathsep.join([folder, os.environ.get('PATH', os.defpath)])}
+    command = options.command or [os.environ.get('SHELL', 'sh')]
+    found = shutil.which(command[0], path=environment['PATH'])
+    if found is None:
+        raise UsageError(f'shell: wanted a command, got {command[0]!r}, which is not found')
+    if not options.command:
+        print(f'{command[0]} with rosette and python of {folder}; exit leaves it', flush=True)
+        if Path(found).name == 'bash':
+            begin, end = os.pipe()
+            os.write(end, f'[ -f ~/.bashrc ] && . ~/.bashrc\nPATH={shlex.quote(folder)}:$PATH\n'.encode())
+            os.close(end)
+            os.set_inheritable(begin, True)
+            command += ['--rcfile', f'/dev/fd/{begin}']
+    os.execve(found, command, environment)
+
+
+IMPLEMENTED: dict[str, Implementation] = {'shell': (shell_arguments, run_shell)}
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette plan: what a plan measures and determines, plans side by side, plans for a given time.
+"""What a plan measures and determines, plans side by side, plans for a given time; what an order can show.
 
 The list of an order is Table 1 of Kniel et al. (2019) for any n.
 """
 
-import argparse
-import importlib
 import re
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +14,16 @@ from pathlib import Path
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros import program
+from rosette_ros import command, program
+from rosette_ros.analysis import advise, advise_run
 from rosette_ros.cli import arguments
-from rosette_ros.cli.arguments import UsageError, positive, whole
-from rosette_ros.cli.console import console, pairs, print_json, print_parts
+from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
+from rosette_ros.cli.console import console, pairs, print_json, print_parts, warn
+from rosette_ros.cli.opened import Opened
 from rosette_ros.core import axes
+from rosette_ros.core.effects.library import effect
 from rosette_ros.core.errors import InvalidData, InvalidPlan
+from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.planning.budget import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.budget import propose
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
@@ -31,8 +34,11 @@ from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation import plan_results as results
-from rosette_ros.presentation.formatting import exact
+from rosette_ros.presentation import tables
+from rosette_ros.presentation.formatting import exact, millimetres
+from rosette_ros.presentation.json_output import advice_json, by_curve
 from rosette_ros.presentation.table_format import Table, column
+from rosette_ros.words.advice_words import advice_words
 
 MOST_BALLS = 1000
 WIDEST_MAP = 20
@@ -47,7 +53,7 @@ OF_ONE_PLAN = {'output': '--output', 'figures': '--figures', 'cmm_positions': '-
 """What does not go with --hours: settings of one plan, by their names in the options."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def plan_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('plans', metavar='PLAN', nargs='*', help='plan files or orders, several to compare them; an '
                         'order may name its CMM positions as in there_and_back:8, diagonal:50%% or row:1,5,7,10')
@@ -77,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        'rows that stay without coordinates are missing balls')
 
 
-def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float | None = None) -> None:
+def add_plan(parser: ArgumentParser, most_balls: int, radius_mm: float | None = None) -> None:
     """Add what plans a run: --balls, --order, --radius-mm, --turning, --seed."""
     default = f' (default with --hours {USUAL_RADIUS_MM:g})' if radius_mm is None else f' (default {radius_mm:g})'
     parser.add_argument('--balls', metavar='N', type=whole(None, most_balls),
@@ -90,7 +96,7 @@ def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float 
     parser.add_argument('--seed', type=whole(0, 2**63 - 1), default=0, help='draws the order random (default 0)')
 
 
-def run(options: argparse.Namespace) -> None:
+def run_plan(options: Namespace) -> None:
     """Print the plan, several plans, or the plans for a given time."""
     given = [options.hours is not None, options.order is not None, bool(options.plans)]
     if sum(given) != 1:
@@ -133,18 +139,18 @@ def run(options: argparse.Namespace) -> None:
     elif options.csv:
         sys.stdout.write(results.comparison(plans).csv())
     elif len(plans) == 1:
-        show(plans[0], options.output)
+        show_plan(plans[0], options.output)
     else:
         show_comparison(plans)
     return None
 
 
-def pace_of(options: argparse.Namespace) -> Pace:
+def pace_of(options: Namespace) -> Pace:
     """Return the pace of the cell, the same for a plan and for plans of a given time."""
     return Pace(options.touch_s or Pace.touch, options.table_move_s)
 
 
-def put_on_plate(options: argparse.Namespace) -> None:
+def put_on_plate(options: Namespace) -> None:
     """Set the radius and the balls in use from the plate file."""
     beside = ('radius_mm', 'cmm_positions', 'balls_in_use')
     if given := [name for name in beside if getattr(options, name)]:
@@ -155,7 +161,7 @@ def put_on_plate(options: argparse.Namespace) -> None:
     options.radius_mm, options.balls_in_use = 1e3 * plate.circle, ', '.join(map(str, plate.places(options.balls)))
 
 
-def chosen(words: Sequence[str], options: argparse.Namespace) -> list[MeasuringPlan]:
+def chosen(words: Sequence[str], options: Namespace) -> list[MeasuringPlan]:
     """Return the plans of files and of orders; an order has --balls and --radius-mm, or those of the first file."""
     read = {word: read_plan(word) for word in words if Path(word).is_file()}
     first = next(iter(read.values()), None)
@@ -179,7 +185,7 @@ def chosen(words: Sequence[str], options: argparse.Namespace) -> list[MeasuringP
     return every
 
 
-def show_proposals(options: argparse.Namespace) -> None:
+def show_proposals(options: Namespace) -> None:
     """Print the plans that a given time allows, best first."""
     if given := [words for name, words in OF_ONE_PLAN.items() if getattr(options, name)]:
         raise UsageError(f'--hours proposes plans: wanted no {given[0]}; choose a plan with --order, then {given[0]}')
@@ -195,7 +201,7 @@ def show_proposals(options: argparse.Namespace) -> None:
                     'hours': options.hours, 'sigma_m': sigma, 'drift_m_per_sqrt_h': drift, 'plans': [
                         {'order': one.scheme.order, 'touches': one.touches, 'readings': one.scheme.ball.size,
                          'cmm_positions': np.unique(one.scheme.cmm_position).tolist(), 'duration_s': one.duration,
-                         'relative_error': one.error, 'u': dict(zip(CURVES, one.u.tolist()))} for one in found]})
+                         'relative_error': one.error, 'u': by_curve(one.u.tolist())} for one in found]})
         return None
     out, best = console(), found[0]
     beside = f' and a frame that wanders by {options.drift_um:g} µm in an hour' if drift else ''
@@ -218,15 +224,14 @@ def show_proposals(options: argparse.Namespace) -> None:
     return None
 
 
-def draw(plans: Sequence[Outlook], options: argparse.Namespace) -> None:
+def draw(plans: Sequence[Outlook], options: Namespace) -> None:
     """Write the pictures of plans into the folder of the options; matplotlib is loaded only here."""
-    plots, style = (importlib.import_module(f'rosette_ros.presentation.plots.{name}')
-                    for name in ('plan_plots', 'plot_style'))
-    style.save_all(plots.pictures_of_plans(plans), arguments.made_folder(options.figures, 'to write to', ''),
-                   options.format or 'svg', options.force)
+    arguments.plots('plot_style').save_all(
+        arguments.plots('plan_plots').pictures_of_plans(plans),
+        arguments.made_folder(options.figures, 'to write to', ''), options.format or 'svg', options.force)
 
 
-def show(made: Outlook, output: str | None = None) -> None:
+def show_plan(made: Outlook, output: str | None = None) -> None:
     """Print a plan for a person: map, list, motion, what it determines and shows; output: the file that holds it."""
     out, scheme, expected, radius_mm = console(), made.scheme, made.expectation, 1e3 * made.radius
     way = scheme.travel(made.radius)
@@ -281,3 +286,56 @@ CASES = {
     'row_there_and_back': 'row at half the CMM positions, then the same backwards: quickest where the table moves '
                           'slowly',
 }
+
+
+def advise_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('run_path', metavar='RUN', nargs='?', help='log directory, .mcap file or '
+                        'ball-centre table (CSV); instead of a run, --balls and --order')
+    add_plan(parser, most_balls=72, radius_mm=USUAL_RADIUS_MM)
+    parser.add_argument('--show', metavar='EFFECT', action='append', default=[],
+                        help='an effect that the next run must show; may be given several times '
+                        '(default: all that the present order shows weakly)')
+    add_shared(parser, '--json')
+
+
+def run_advise(options: Namespace) -> None:
+    """Print the advice."""
+    wanted = tuple(effect(name).name for name in options.show)
+    planned = (options.balls, options.order)
+    if options.run_path is not None and planned == (None, None):
+        measured = Opened(options).run
+        warn(measured)
+        advice = advise_run(measured, wanted, options.seed)
+        n, radius, run_id = measured.n, measured.radius, measured.run_id
+    elif options.run_path is None and None not in planned:
+        n, radius, run_id = options.balls, 1e-3 * options.radius_mm, ''
+        advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed)
+    else:
+        raise UsageError('advise: wanted either RUN or both --balls and --order')
+    if options.json:
+        print_json(advice_json(advice, n, radius, run_id))
+    else:
+        show_advice(advice, n, radius)
+
+
+def show_advice(advice: Advice, n: int, radius: float) -> None:
+    """Print an advice; radius: m."""
+    out, best = console(), advice.best
+    balls = f'{len(advice.balls)} balls at {n} table positions' if advice.balls else f'{n} balls'
+    out.print(f'[bold]{balls} on R = {millimetres(radius)}, order {escape(advice.present.label)}[/]\n'
+              f'{escape(advice_words(advice))}')
+    print_parts(out, [
+        tables.visibility(advice.present.visibilities, best.visibilities).select(
+            'effect', 'typical_visible_fraction', 'detectable_rms_um', 'recommended_order_visible_fraction',
+            'recommended_order_detectable_rms_um', 'remark'),
+        tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'travel_time_s', 'duration_s')])
+    if best.label != advice.present.label:
+        turning = () if best.label == best.order else ('--turning', best.turning)
+        places = ('--balls-of', ','.join(map(str, advice.balls))) if advice.balls else ()
+        made = command('plan', '--balls', n, '--radius-mm', exact(1e3 * radius, 6), '--order', best.order,
+                       '--seed', best.seed, *turning, *places)
+        out.print(f'\nIts target list: {escape(made)}', soft_wrap=True)
+
+
+IMPLEMENTED = {'plan': (plan_arguments, run_plan), 'advise': (advise_arguments, run_advise)}

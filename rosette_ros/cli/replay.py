@@ -211,3 +211,6 @@ class LogPlayer(GraphClient):
 
 def _last(topic: str) -> str:
     return topic.rpartition('/')[2]
+
+
+IMPLEMENTED = {'replay': (add_arguments, run)}

@@ -183,3 +183,6 @@ def print_result(out: Console, verdict: VerdictText | ConclusionText, path: Path
     """Print the verdict and where the page is."""
     print_verdict(out, verdict)
     out.print(f'[bold]Report[/]  {escape(str(path))}', soft_wrap=True)
+
+
+IMPLEMENTED = {'report': (add_arguments, run)}

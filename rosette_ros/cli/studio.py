@@ -59,3 +59,6 @@ def studio_options(options: argparse.Namespace, environment: Mapping[str, str]) 
 def suggestions(given: Sequence[str]) -> tuple[str, ...]:
     """Return the paths that the page offers: those given, then what lies in ./rosette-runs, newest first."""
     return tuple(dict.fromkeys(map(str, [*given, *(runs_in(RUNS) if RUNS.is_dir() else ())])))
+
+
+IMPLEMENTED = {'studio': (add_arguments, run)}

@@ -4,6 +4,9 @@
 import difflib
 from collections.abc import Collection
 
+MOST_LISTED = 24
+"""Names that an error lists; of more it says the nearest."""
+
 
 class RosetteError(Exception):
     """Base of all errors that are reported to the user in one line."""
@@ -42,9 +45,10 @@ def plain(text: str, most: int = 500) -> str:
 
 
 def unknown(name: str, known: Collection[str]) -> str:
-    """Return the words for a name that is none of those known, with the one that is like it."""
-    near = difflib.get_close_matches(name, known, 1)
-    return f'wanted one of {", ".join(known)}, got {name!r}{f"; did you mean {near[0]!r}?" if near else ""}'
+    """Return the words for a name that is none of those known: these where they are few, and the nearest."""
+    near = difflib.get_close_matches(name, known, 1) or [one for one in known if name and name in one]
+    wanted = f'one of {", ".join(known)}' if len(known) <= MOST_LISTED else f'one of {len(known)} names'
+    return f'wanted {wanted}, got {name!r}{f"; did you mean {near[0]!r}?" if near else ""}'
 
 
 def unknown_name(what: str, name: str, known: Collection[str], listed_by: str = '') -> str:

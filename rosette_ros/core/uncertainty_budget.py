@@ -382,7 +382,7 @@ def _bounds(fit: Fit, inputs: BudgetInputs, hidden: Sequence[Visibility] | None)
     known = {one.name: one for one in hidden}
     for name, size in inputs.bounds.items():
         if name not in known:
-            raise InvalidData(f'budget: {BOUNDS}: {unknown(name, tuple(known))}')
+            raise InvalidData(f'budget: {BOUNDS}: {unknown(name, known)}')
         if known[name].reason:
             continue
         value = size / np.sqrt(3)

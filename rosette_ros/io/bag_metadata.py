@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.io.safe_yaml import BAD_VALUE, load_plain
+from rosette_ros.io.safe_yaml import BAD_VALUE, PlainDumper, load_plain
 from rosette_ros.io.text_file import read_limited, reading, replace_file
 
 VERSION = 9
@@ -30,7 +30,6 @@ INFINITE = 9223372036 * 10**9 + 854775807  # duration that rosbag2 writes for "n
 MOST_LOST = 20  # missing files that are named
 MAX_BYTES = 1 << 20  # a larger metadata.yaml is refused: a log of a cell needs some ten thousand bytes
 
-_Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 _TIMES = ('deadline', 'lifespan', 'liveliness_lease_duration')
 
 
@@ -63,7 +62,7 @@ class Qos:
 def qos_text(profiles: Iterable[Qos]) -> str:
     """Return offered QoS profiles as the YAML text of a channel's metadata, '' for none."""
     entries = [profile.as_mapping() for profile in profiles]
-    return yaml.dump(entries, Dumper=_Dumper, sort_keys=False) if entries else ''
+    return yaml.dump(entries, Dumper=PlainDumper, sort_keys=False) if entries else ''
 
 
 @lru_cache(maxsize=256)
@@ -134,7 +133,7 @@ def bag_mapping(topics: Iterable[TopicSummary], files: Sequence[FileSummary],
 
 def bag_text(mapping: Mapping[str, Any]) -> str:
     """Return a BagMetadata mapping as YAML."""
-    return str(yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, allow_unicode=True))
+    return str(yaml.dump(mapping, Dumper=PlainDumper, sort_keys=False, allow_unicode=True))
 
 
 def _checksum(custom_data: Mapping[str, str]) -> str:

@@ -13,7 +13,7 @@ from rosette_ros.core.correction import Correction
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions, Floats
-from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
+from rosette_ros.io.safe_yaml import PlainDumper, is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-correction/1'
 MOST_BYTES, MOST_ANGLES = 4 << 20, 4000
@@ -35,7 +35,7 @@ def format_correction(correction: Correction, table: str = '') -> str:
         values['backward'] = _lists(correction.backward)
     return ('# Errors of a rotary table at its angles: rad, m (ctx cty ctz), rad (crx cry crz), u standard '
             'uncertainties.\n# They are what the table does wrong: a controller takes them off.\n'
-            + yaml.safe_dump(values, sort_keys=False, width=120, default_flow_style=None))
+            + str(yaml.dump(values, Dumper=PlainDumper, sort_keys=False, width=120, default_flow_style=None)))
 
 
 def read_correction(path: str | Path) -> tuple[Correction, str]:

@@ -188,7 +188,7 @@ class _Sheet:
 
     def _read(self, wanted: Collection[str], kind: Any, decimal: str) -> dict[str, Any]:
         """Return columns, as one kind of pyarrow's."""
-        refused, text = list[Any](), '\n'.join(text for _, text in self.rows).encode()
+        refused, text = list[Any](), '\n'.join(text for _, text in self.rows).replace('−', '-').encode()
         names = {column: str(at) for column, (at, _) in self.columns.items() if column in wanted}
 
         def refuse(row: Any) -> str:
@@ -249,7 +249,7 @@ class _Heading:
                              'remove one of them')
             if key in _KEYS:
                 if sheet.separator != ',' and key not in _TEXTS:
-                    values = [re.sub(r'^([+-]?\d+),(\d+)$', r'\1.\2', value) for value in values]
+                    values = [re.sub(r'^([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)$', r'\1.\2', value) for value in values]
                 self._values[key] = (', '.join(values), line)
             elif text.startswith('#'):
                 if colon and (near := meant(key, _KEYS)):  # it would be ignored
@@ -260,7 +260,7 @@ class _Heading:
             sheet.notes.append(f'passed over above the names of the columns: {"; ".join(titles)[:200]!r}')
         wanted = f'"# schema: {SCHEMA}" in the first lines'
         if 'schema' not in self._values:
-            raise InvalidData(f'{source}: wanted {wanted}, got none; {_TEMPLATE}')
+            raise InvalidData(f'{source}: wanted {wanted}, got none; add that line; {_TEMPLATE}')
         if self._values['schema'][0] != SCHEMA:
             raise _wrong(source, self._values['schema'][1], '', wanted, repr(self._values['schema'][0]))
         if not {'radius_mm', 'plate'} & {*self._values}:

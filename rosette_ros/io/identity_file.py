@@ -16,7 +16,7 @@ from rosette_ros.core.axes import iso_names
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.records import CURVES, SI_UNITS
-from rosette_ros.io.safe_yaml import known_keys, of_schema, parse_yaml
+from rosette_ros.io.safe_yaml import PlainDumper, known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-identity/1'
@@ -133,8 +133,8 @@ def format_identity(identity: Identity) -> str:
     for key, value in identity.entries.items():
         section, _, name = key.partition('.')
         nested.setdefault(section, {})[name] = value
-    return yaml.safe_dump({**nested, **({'tolerances': dict(identity.tolerances)} if identity.tolerances else {})},
-                          sort_keys=False, allow_unicode=True)
+    return str(yaml.dump({**nested, **({'tolerances': dict(identity.tolerances)} if identity.tolerances else {})},
+                         Dumper=PlainDumper, sort_keys=False, allow_unicode=True))
 
 
 def words_of_entry(entry: str) -> str:

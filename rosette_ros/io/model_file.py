@@ -9,7 +9,7 @@ import yaml
 
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.model import Model
-from rosette_ros.io.safe_yaml import parse_mapping, read_yaml
+from rosette_ros.io.safe_yaml import PlainDumper, parse_mapping, read_yaml
 from rosette_ros.io.text_file import write_text
 
 MOST_BYTES = 100_000
@@ -34,13 +34,13 @@ def parse_entry(text: str, source: str) -> dict[str, Any]:
 
 def format_entry(entry: Mapping[str, Any]) -> str:
     """Return an effect's mapping as one line of YAML."""
-    return str(yaml.safe_dump(entry, default_flow_style=True, sort_keys=False, allow_unicode=True,
-                              width=10_000)).strip()
+    return str(yaml.dump(entry, Dumper=PlainDumper, default_flow_style=True, sort_keys=False, allow_unicode=True,
+                         width=10_000)).strip()
 
 
 def format_model(model: Model) -> str:
     """Return the YAML text of a model."""
-    return str(yaml.safe_dump(model.to_mapping(), sort_keys=False, allow_unicode=True))
+    return str(yaml.dump(model.to_mapping(), Dumper=PlainDumper, sort_keys=False, allow_unicode=True))
 
 
 def write_model(model: Model, path: str | Path, force: bool = False) -> None:

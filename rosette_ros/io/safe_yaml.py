@@ -2,10 +2,12 @@
 """YAML from outside: no aliases, no deep nesting, no key twice, and one kind of error whatever is wrong with it.
 
 Whole numbers beside floats in a list are floats: a person who writes [0.35, 0.26, 0] means no other kind of number.
+13e-2 and 2e1 are numbers, as in YAML 1.2; a text that looks like one is written in quotes.
 
 A few hundred bytes of aliases within aliases stand for more than fits into a memory, and nesting of some ten
 thousand levels ends the whole process in the loader: both are refused before anything is built."""
 
+import re
 import sys
 from collections.abc import Collection, Iterable
 from pathlib import Path
@@ -43,6 +45,15 @@ class _Loader(_CLoader):  # type: ignore[valid-type, misc]  # which of the two i
                                                             key.start_mark)
                 seen.add(key.value)
         return super().construct_mapping(node, deep)  # type: ignore[no-any-return]
+
+
+class PlainDumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]  # see above
+    """The safe dumper, which quotes the texts that the loader would take for numbers."""
+
+
+for _one in (_Loader, PlainDumper):
+    _one.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+                               list('-+.0123456789'))
 
 
 def read_yaml(path: str | Path, wanted: str, most: int, kind: type[RosetteError]) -> Any:

@@ -160,7 +160,7 @@ class CellNode(GraphNode):
     def _publish_health(self) -> None:
         level, sentence, values = self.health()
         conflicts = {f'{one.conflict}: what they publish is not used'
-                     for one in self._publishers_of.values() if one.conflict}
+                     for one in self._publishers_of.values() if one.conflict and not one.is_tried}
         before, self._disturbances = self._disturbances, frozenset(self.unconnected() | conflicts)
         for words in sorted(self._disturbances):
             level, sentence = max(level, WARN), f'{sentence}; {words}'

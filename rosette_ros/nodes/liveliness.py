@@ -197,8 +197,9 @@ class CellMonitor:
     def missing(self, with_recorder: bool) -> list[str]:
         """Return what the cell lacks for a calibration, in words."""
         node = self._node
-        missing = [f'{words}: wanted one in this domain and namespace; is another cell running? Give each its own '
-                   '(--domain, --namespace)' for words in self.conflicts()]
+        missing = ['the CMM is being tried (rosette check-cmm)' if one.is_tried else
+                   f'{one.conflict}: wanted one in this domain and namespace; is another cell running? Give each its '
+                   'own (--domain, --namespace)' for one in self._publishers_of.values() if one.conflict]
         if not (self._publishers_of[names.BALL_CENTRE].found and target_subscriptions(node)):
             missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
                            f'{names.BALL_CENTRE}, got none; '
@@ -233,7 +234,7 @@ class CellMonitor:
             self.status, self._status_since = status, now
         if status != self._logged and (not lacks or now - self._status_since >= SETTLING):
             log, was_complete, self._logged = self._node.get_logger(), self._logged == names.COMPLETE, status
-            if lacks and was_complete:
+            if lacks and was_complete and not any(one.is_tried for one in self._publishers_of.values()):
                 log.warning(status)
             else:
                 log.info(status)

@@ -26,6 +26,8 @@ START_RECORDING, STOP_RECORDING = 'recorder/start_recording', 'recorder/stop_rec
 RECALL, RECORDED = 'recorder/recall', 'recorder/recorded'
 DIAGNOSE, ADD_EFFECT, REMOVE_EFFECT = 'evaluator/diagnose', 'evaluator/add_effect', 'evaluator/remove_effect'
 EVALUATE_JOINTLY, JOINT_EVALUATION = 'evaluator/evaluate_jointly', 'joint_evaluation'
+TRIAL = 'check'
+"""Begin of the name of a node that tries the CMM in place of a sequencer (rosette check-cmm)."""
 RECOVER, CHECK_PLAN = 'cmm/recover', 'cmm/check_plan'
 """Of a CMM that waits for a person, and of one that knows what it can measure."""
 SERVICE_EVENT = '/_service_event'

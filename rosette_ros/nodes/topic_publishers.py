@@ -11,6 +11,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from rosette_ros.nodes import names
 from rosette_ros.nodes.graph_node import name_of
 from rosette_ros.nodes.liveliness import NodeMonitor, process_of
 from rosette_ros.nodes.qos import HEARTBEAT_LOST
@@ -57,6 +58,11 @@ class TopicPublishers:
             return ''
         who = ' and '.join(sorted(self._names[gid] for gid in self.found))
         return f'{len(self.found)} nodes publish {self.topic} ({who})'
+
+    @property
+    def is_tried(self) -> bool:
+        """Whether one of several tries the CMM, which needs no warning; nothing of theirs is used all the same."""
+        return any(self._names[gid].rpartition('/')[2].startswith(f'{names.TRIAL}_') for gid in self.found)
 
     def watch(self) -> None:
         """Look where something may have changed; call it often."""

@@ -8,10 +8,10 @@ from scipy import special
 
 from rosette_ros.core.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.records import CURVES
 from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, Contribution, root_mean
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.json_output import Json, plain
+from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.table_format import Column, Table, column, words
 
 SCHEMA = 'rosette-budget-results/1'
@@ -132,9 +132,7 @@ def together_words(found: MonteCarlo) -> str:
 
 
 def budget_json(made: Budget, found: MonteCarlo | None = None) -> Json:
-    """Return a Budget, SI units; curves in their order."""
-    def by_curve(values: Floats) -> Json:
-        return dict(zip(CURVES, values, strict=True))
+    """Return a Budget, SI units."""
     run, combined = made.fit.run, made.combined()
     out: Json = {
         'schema': SCHEMA, 'run_id': run.run_id, 'coverage_factor': COVERAGE_FACTOR, 'contributions': [{
@@ -145,14 +143,14 @@ def budget_json(made: Budget, found: MonteCarlo | None = None) -> Json:
         'u': by_curve(made.mean), 'U': by_curve(COVERAGE_FACTOR * made.mean),
         'U_worst_point': by_curve(COVERAGE_FACTOR * combined.max(axis=0)),
         'effective_dof': by_curve(made.effective_dof), 'coverage_factor_by_dof': by_curve(made.coverage),
-        'table_angle': made.fit.error_motions.angle,
+        'table_angle_rad': made.fit.error_motions.angle,
         'u_points': by_curve(combined.T), 'not_considered': made.open}
     if found:
         out['monte_carlo'] = {
             'trials': found.trials, 'seed': found.seed, 'agrees': found.agrees, 'probability': PROBABILITY,
             'covariance_si': found.covariance, 'reach': found.reach,
-            'u': by_curve(root_mean(found.u)), 'curves': {curve: {
+            'u': by_curve(root_mean(found.u)), 'curves': {key: {
                 'u_budget': one.expected, 'u': one.found, 'low': one.low, 'high': one.high, 'scatter': one.scatter,
                 'tolerance': one.tolerance, 'agrees': one.agrees}
-                for curve, one in zip(CURVES, found.agreements, strict=True)}}
+                for key, one in zip(CURVE_KEYS, found.agreements, strict=True)}}
     return plain(out)

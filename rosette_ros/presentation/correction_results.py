@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corrections and what became of them, for people and programs."""
 
+from operator import attrgetter
+
 import numpy as np
 
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.correction_check import CorrectionCheck
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, error_lines
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.records import CURVES, SI_UNITS
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json, plain
-from rosette_ros.presentation.table_format import Table, words
+from rosette_ros.presentation.table_format import Field, Table, fields_json, fields_table, words
 
 
 def correction_table(correction: Correction) -> Table:
@@ -30,27 +32,34 @@ def correction_table(correction: Correction) -> Table:
 
 def check_table(check: CorrectionCheck) -> Table:
     """Return the errors before and after a correction."""
-    rows = check.errors
-    places = [text.decimals(1e6 * one.expanded) for one in rows]
-    shown = {name: [text.fixed(1e6 * getattr(one, name), digits) for one, digits in zip(rows, places)]
-             for name in ('before', 'promised', 'after', 'expanded')}
-    return Table('correction', 'The errors before and after the correction', (
-        words('error', 'error', [one.curve for one in rows]), words('unit', 'unit', text.CURVE_UNITS),
-        words('before', 'before', shown['before']), words('promised', 'expected', shown['promised']),
-        words('after', 'after', shown['after']), words('U', 'U of a point', shown['expanded']),
-        words('gain', 'taken off', ['' if not np.isfinite(one.gain) else f'{text.percent(one.gain)}' for one in rows]),
-        words('result', 'result', [one.result for one in rows])), levels=tuple(one.level for one in rows),
-        note=f'Peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve after, with that of the correction: '
-             'noise alone spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
+    return fields_table(
+        'correction', 'The errors before and after the correction', CHECKED_ERROR, check.errors,
+        [one.level for one in check.errors],
+        f'Peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve after, with that of the correction: '
+        'noise alone spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
+
+
+def _sized(key: str, name: str, get: str = '') -> Field:
+    """Return the Field of a size in the unit of its curve, with as many decimals as U has."""
+    size = attrgetter(get or key)
+    return Field(key, name, get, number=False, text=lambda one: text.fixed(
+        1e6 * size(one), text.decimals(1e6 * one.expanded)))
+
+
+CHECKED_ERROR = (
+    Field('curve', 'error', number=False),
+    Field('unit', 'unit', lambda one: SI_UNITS[one.curve], lambda unit: f'µ{unit}', number=False),
+    _sized('before', 'before'), _sized('expected', 'expected', 'promised'), _sized('after', 'after'),
+    _sized('U', 'U of a point', 'expanded'),
+    Field('taken_off', 'taken off', 'gain', lambda gain: text.percent(gain) if np.isfinite(gain) else '', number=False),
+    Field('u_taken_off', '', 'u_gain'), Field('p'), Field('result', 'result', number=False),
+    Field('level', files='json'))
 
 
 def check_json(check: CorrectionCheck, run_ids: tuple[str, str]) -> Json:
-    """Return a CorrectionCheck, SI units; run_ids: before and after."""
+    """Return a CorrectionCheck, schema rosette-verification/1, SI units; run_ids: before and after."""
     moved = check.misplaced
-    return plain({'before': run_ids[0], 'after': run_ids[1], 'level': check.level, 'verdict': check.sentence,
-            'action': check.action, 'shift_rad': moved.shift if moved else None,
-            'u_shift_rad': moved.u if moved else None, 'angle_reversed': moved.sense < 0 if moved else False,
-            'p_of_table': check.p_of_table, 'errors': [{
-                'curve': one.curve, 'before': one.before, 'expected': one.promised, 'after': one.after,
-                'U': one.expanded, 'taken_off': one.gain, 'u_taken_off': one.u_gain, 'p': one.p, 'result': one.result,
-                'level': one.level} for one in check.errors]})
+    return plain({'schema': 'rosette-verification/1', 'before': run_ids[0], 'after': run_ids[1], 'level': check.level,
+                  'verdict': check.sentence, 'action': check.action, 'shift_rad': moved.shift if moved else None,
+                  'u_shift_rad': moved.u if moved else None, 'angle_reversed': moved.sense < 0 if moved else False,
+                  'p_of_table': check.p_of_table, 'errors': [fields_json(CHECKED_ERROR, one) for one in check.errors]})

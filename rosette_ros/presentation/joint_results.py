@@ -16,8 +16,8 @@ from rosette_ros.core.number_words import p_words
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors, errors_json
-from rosette_ros.presentation.json_output import STANDARD, Json, by_curve, plain
-from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
+from rosette_ros.presentation.json_output import Json, by_curve, plain
+from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
 from rosette_ros.words.result_words import conclusion_text
 

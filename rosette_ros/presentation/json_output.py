@@ -13,19 +13,21 @@ import numpy as np
 
 from rosette_ros.analysis import Change, LadderStep
 from rosette_ros.core.diagnosis.comparison import Comparison
-from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.recovered_shape import Shape
-from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
+from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict, VerdictText, noise_facts
 from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
-from rosette_ros.core.model.least_squares import Fit, Parameter
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import SI_UNITS
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
+from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json
+from rosette_ros.presentation.tables import CANDIDATE, CHECKED, HARMONIC
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.noise_words import noise_words
 from rosette_ros.words.result_words import check_words, comparison_words
@@ -33,8 +35,6 @@ from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/1', 'rosette-diagnosis/1'
 ADVICE, EFFECTS, CHANGE = 'rosette-advice/1', 'rosette-effects/1', 'rosette-change/1'
-STANDARD = 1
-"""Coverage factor k of every `u`: standard uncertainties."""
 CURVE_KEYS = tuple(f'{curve}_{unit}' for curve, unit in SI_UNITS.items())
 
 Json = dict[str, Any]
@@ -77,12 +77,6 @@ def verdict_json(verdict: VerdictText | None) -> Json:
         return dict.fromkeys(('outcome', 'level', 'verdict', 'action'))
     return {'outcome': verdict.outcome.value, 'level': verdict.level.value, 'verdict': verdict.sentence,
             'action': verdict.action}
-
-
-def parameters_json(parameters: Iterable[Parameter]) -> Json:
-    """Return parameters by name."""
-    return {one.name: {'value': one.value, 'u': one.u, 'coverage_factor': STANDARD, 'unit': one.unit}
-            for one in parameters}
 
 
 def by_curve(values: Iterable[object]) -> Json:
@@ -129,8 +123,7 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
             'cmm_position': one.cmm_position, 'residual_m': one.residual, 'size_sigma': one.size, 'p': one.p,
             'weight': one.weight, 'curves_without': None if one.without is None else by_curve(one.without),
         } for one in comparison.worst],
-        'harmonics': [{'axis': line.axis, 'table_waves': line.table_waves, 'cmm_waves': line.cmm_waves,
-                       'amplitude_m': line.amplitude, 'share': line.share} for line in comparison.harmonics],
+        'harmonics': [fields_json(HARMONIC, line) for line in comparison.harmonics],
         **({'ladder': [{'added': step.added, 'fit': fit_json(step.fit), 'held_out_rms_m': step.cross_validation}
                        for step in steps]} if steps else {})})
 
@@ -149,22 +142,13 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         'unnamed': [{'variables': [sorted(each) for each in one.alternatives], 'motion': one.motion,
                      'probability': one.probability} for one in diagnosis.unnamed],
         'not_needed': diagnosis.not_needed,
-        'candidates': [_candidate_json(entry) for entry in diagnosis.candidates], 'invisible': diagnosis.invisible,
+        'candidates': [fields_json(CANDIDATE, entry) for entry in diagnosis.candidates],
+        'invisible': diagnosis.invisible,
         **verdict_json(verdict_text(verdict)), 'unexplained_text': unexplained_words(verdict),
         'shapes': [_shape_json(entry) for entry in diagnosis.recovered],
         'final': fit_json(diagnosis.final), 'unavailable': dict(diagnosis.unavailable),
         'invisible_bias': {entry.name: by_curve(entry.bias) for entry in visibilities},
         **({'check': _check_json(check)} if check else {})})
-
-
-def _candidate_json(entry: Candidate) -> Json:
-    return {
-        'effect': entry.effect, 'probability': entry.probability, 'p': entry.p,
-        'visible_fraction': entry.visible_fraction,
-        'rms_before_m': entry.rms_before, 'rms_after_m': entry.rms_after,
-        'held_out_rms_before_m': entry.cross_validation_before, 'held_out_rms_after_m': entry.cross_validation_after,
-        'delta_bic': entry.delta_bic, 'parameters': parameters_json(entry.parameters), 'look_alikes': entry.look_alikes,
-        'claimed': entry.claimed, 'setting': entry.setting}
 
 
 def _shape_json(shape: Shape) -> Json:
@@ -183,16 +167,7 @@ def _check_json(check: CrossCheck) -> Json:
         'carried': fit_json(check.carried) if check.carried else None,
         'held_out_rms_before_m': check.cross_validation_before, 'held_out_rms_after_m': check.cross_validation_after,
         'held_out_rms_carried_m': check.cross_validation_carried,
-        'effects': [_checked_json(entry) for entry in check.effects]}
-
-
-def _checked_json(entry: CheckedEffect) -> Json:
-    return {
-        'effect': entry.name, 'outcome': entry.outcome, 'reason': entry.reason, 'carries': entry.carries,
-        'setting': entry.setting, 'p': entry.p, 'visible_fraction': entry.visible_fraction,
-        'rms_before_m': entry.rms_without, 'rms_after_m': entry.rms_with,
-        'held_out_rms_before_m': entry.cross_validation_without, 'held_out_rms_after_m': entry.cross_validation_with,
-        'same_size': entry.same_size, 'learnt': parameters_json(entry.learnt), 'found': parameters_json(entry.found)}
+        'effects': [fields_json(CHECKED, entry) for entry in check.effects]}
 
 
 def change_json(action: str, effect: str, file: Path | str, models: tuple[Model, Model], change: Change | None = None,

@@ -14,7 +14,7 @@ from rosette_ros.io.csv_parser import COLUMNS
 from rosette_ros.io.csv_parser import SCHEMA as TABLE_SCHEMA
 from rosette_ros.io.plan_file import SCHEMA
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.json_output import Json, plain, visibility_json
+from rosette_ros.presentation.json_output import Json, by_curve, plain, visibility_json
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import visibility
 
@@ -143,7 +143,7 @@ def expected_json(plan: Outlook) -> Json:
     """Return what a plan determines and shows, SI; u: standard uncertainties at each table position."""
     expected: Expectation = plan.expectation
     return {'sigma_m': plan.sigma, 'rank': expected.rank, 'rank_of_a_complete_run': expected.full_rank,
-            'u': dict(zip(CURVES, (plan.sigma * expected.u).T)), 'relative_uncertainty': expected.penalty,
+            'u': by_curve((plan.sigma * expected.u).T), 'relative_uncertainty': expected.penalty,
             'ideal_relative_uncertainty': expected.ideal, 'duration_s': expected.duration,
             'unobservable': expected.unobservable,
             'effects': {one.name: visibility_json(one) for one in plan.effects}}

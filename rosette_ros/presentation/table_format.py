@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table as data: exact values for files, rounded texts for the terminal, the report and the studio."""
+"""A result as data, declared once: exact values for JSON and CSV, rounded texts for terminal, report and studio."""
 
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rosette_ros.presentation.formatting import MICRO_DECIMALS, fixed, signed
+
+if TYPE_CHECKING:  # plan and info start without the least squares
+    from rosette_ros.core.model.least_squares import Parameter
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,82 @@ class Table:
         writer.writerow([column.key for column in self.columns])
         writer.writerows(zip(*(map(_cell, column.values) for column in self.columns), strict=True))
         return stream.getvalue()
+
+
+STANDARD = 1
+"""Coverage factor k of every `u`: standard uncertainties."""
+UNITS = {'µm': (1e6, 'm', 'um'), 'µrad': (1e6, 'rad', 'urad'), 'mm': (1e3, 'm', 'mm'), 'h': (1 / 3600, 's', 'h')}
+"""Unit that people see: factor to it, and how the SI unit and itself end a key."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """A quantity of a record, from which its column and its entry in JSON derive.
+
+    key: in JSON, with the SI unit at its end (rms_m); in CSV it ends as `unit` does (rms_um). name: heads the column,
+    '' for CSV alone. get: value of a record, or the attribute that has it (default: the key without unit). show: text
+    of a value in `unit`; text: the same from the record, where it takes more than the value. files: 'csv', 'json' where
+    it is in one of them only.
+    """
+
+    key: str
+    name: str = ''
+    get: Callable[[Any], Any] | str = ''
+    show: Callable[[Any], str] = str
+    unit: str = ''
+    text: Callable[[Any], str] | None = None
+    number: bool = True
+    files: str = 'csv json'
+
+    def value(self, record: Any) -> Any:
+        """Return the exact value, SI."""
+        if callable(self.get):
+            return self.get(record)
+        return getattr(record, self.get or self.key.removesuffix(f'_{self._ends[1]}'))
+
+    @property
+    def _ends(self) -> tuple[float, str, str]:
+        return UNITS.get(self.unit, (1.0, '?', '?'))
+
+    def column(self, records: Sequence[Any]) -> Column:
+        """Return the column of records: lists joined, yes or no, numbers in `unit`."""
+        factor, si, ending = self._ends
+        key = self.key if factor == 1 else f'{self.key.removesuffix(si)}{ending}'
+        values = [_flat(self.value(one), factor) for one in records]
+        shown = tuple(map(self.text, records)) if self.text else tuple(map(self.show, values))
+        return replace(column(key, self.name, values), unit=self.unit, number=self.number,
+                       shown=shown if self.name else None)
+
+
+def fields_table(name: str, title: str, fields: Iterable[Field], records: Sequence[Any],
+                 levels: Iterable[str] = (), note: str = '') -> 'Table':
+    """Return the table of records by their fields."""
+    return Table(name, title, tuple(one.column(records) for one in fields if 'csv' in one.files), tuple(levels), note)
+
+
+def fields_json(fields: Iterable[Field], record: Any) -> dict[str, Any]:
+    """Return a record by its fields, SI."""
+    return {one.key: one.value(record) for one in fields if 'json' in one.files}
+
+
+def parameters_json(parameters: 'Iterable[Parameter]') -> dict[str, Any]:
+    """Return parameters by name."""
+    return {one.name: {'value': one.value, 'u': one.u, 'coverage_factor': STANDARD, 'unit': one.unit}
+            for one in parameters}
+
+
+def micrometres_field(key: str, name: str, get: Callable[[Any], Any] | str = '', places: int = MICRO_DECIMALS,
+                      sign: bool = False) -> Field:
+    """Return the Field of a length that is shown in µm."""
+    return Field(key, name, get, partial(signed if sign else fixed, places=places), 'µm')
+
+
+def _flat(value: Any, factor: float) -> Any:
+    if isinstance(value, bool):
+        return 'yes' if value else 'no'
+    if isinstance(value, (list, tuple)):
+        return ', '.join(map(str, value))
+    return value if factor == 1 or value is None else factor * value
 
 
 def column(key: str, name: str, values: Iterable[Any], show: Callable[[Any], str] | None = None, unit: str = '',

@@ -4,6 +4,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from rosette_ros.analysis import Change, LadderStep, Summary
 from rosette_ros.core.diagnosis.comparison import DRAWS, Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate
-from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
+from rosette_ros.core.diagnosis.second_run import CONFIRMED, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
@@ -25,7 +26,17 @@ from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.explanation_results import causes
-from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
+from rosette_ros.presentation.table_format import (
+    Column,
+    Field,
+    Table,
+    column,
+    fields_table,
+    micrometre_column,
+    micrometres_field,
+    parameters_json,
+    words,
+)
 from rosette_ros.words.verdict_words import title_of
 
 FILE_UNITS = tuple(unit.replace('µ', 'u') for unit in text.CURVE_UNITS)
@@ -157,7 +168,7 @@ def axes(comparison: Comparison) -> Table:
 
 def places(comparison: Comparison) -> Table:
     """Return, for each grouping of the residuals, a bar for every group and the group with the largest residual."""
-    sigma, every = noise_of(comparison.fit)[0], comparison.groupings
+    sigma, every = noise_of(comparison.fit)[0], comparison.distinct
     sizes = [np.sqrt(np.mean(one.rms**2, axis=1)) / sigma for one in every]
     largest = [*(float(np.nanmax(size)) for size in sizes), float('nan')]
     top = max(largest[:-1])
@@ -226,14 +237,13 @@ def reading(fit: Fit, place: int) -> Table:
 
 def waves(comparison: Comparison) -> Table:
     """Return the strongest harmonics of the residual; empty for an incomplete run, which has no spectrum."""
-    lines = comparison.harmonics[:WAVES]
-    return Table('harmonics', 'Strongest harmonics of the residual', (
-        words('axis', 'axis', [line.axis for line in lines]),
-        column('table_waves', 'waves per turn of the table', [line.table_waves for line in lines], str),
-        column('cmm_waves', 'waves per turn of CMM positions', [line.cmm_waves for line in lines],
-               partial(text.fixed, places=0)),
-        micrometre_column('amplitude_um', 'amplitude', [line.amplitude for line in lines]),
-        column('share', 'share of the residual', [line.share for line in lines], text.percent)))
+    return fields_table('harmonics', 'Strongest harmonics of the residual', HARMONIC, comparison.harmonics[:WAVES])
+
+
+HARMONIC = (
+    Field('axis', 'axis', number=False), Field('table_waves', 'waves per turn of the table'),
+    Field('cmm_waves', 'waves per turn of CMM positions', show=partial(text.fixed, places=0)),
+    micrometres_field('amplitude_m', 'amplitude'), Field('share', 'share of the residual', show=text.percent))
 
 
 def residuals(before: Fit, after: Fit) -> Table:
@@ -288,28 +298,33 @@ def base_name(model: Model) -> str:
 
 def candidates(every: Sequence[Candidate], run: Run, title: str = 'Candidates, most significant first') -> Table:
     """Return candidates with probability, size and effects that they cannot be told from; run: of the diagnosis."""
-    return Table('candidates', f'{title}; each fitted together with the identified ones above it', (
-        words('effect', 'effect', [one.effect for one in every]),
-        words('claimed', 'identified', ['yes' if one.claimed else 'no' for one in every]),
-        column('probability', 'probability', [one.probability for one in every], text.percent),
-        column('p', text.P_NOISE, [one.p for one in every], text.p_value),
-        words('size', 'size', [size_words(one.effect, one.parameters, one.setting, run) for one in every]),
-        column('visible_fraction', text.VISIBLE, [one.visible_fraction for one in every], text.percent),
-        *_with_and_without('before', 'after', every),
-        column('delta_bic', 'ΔBIC', [one.delta_bic for one in every], partial(text.fixed, places=0)),
-        column('look_alikes', 'cannot be told from', [', '.join(one.look_alikes) for one in every],
-               lambda alike: ', '.join(map(title_of, filter(None, alike.split(', ')))), number=False)))
+    size = Field('size', 'size', lambda one: size_words(one.effect, one.parameters, one.setting, run),
+                 number=False)
+    fields = [size if one.key == 'parameters' else one for one in CANDIDATE]
+    return fields_table('candidates', f'{title}; each fitted together with the identified ones above it', fields, every)
 
 
-def _with_and_without(without: str, present: str, rows: Sequence[Candidate | CheckedEffect]) -> list[Column]:
-    """Return the columns of residual and cross-validation error without and with an effect; people see both in one."""
-    columns = []
-    for key, size, name in (('rms', 'rms', 'residual'), ('held_out_rms', 'cross_validation', text.CROSS_VALIDATION)):
-        before, after = ([getattr(one, f'{size}_{suffix}') for one in rows] for suffix in (without, present))
-        columns += [column(f'{key}_before_um', '', [1e6 * one for one in before]),
-                    Column(f'{key}_after_um', f'{name} without → with it', tuple(1e6 * one for one in after),
-                           tuple(map(text.before_after, before, after)), 'µm')]
-    return columns
+def _errors_of(without: str, present: str) -> tuple[Field, ...]:
+    """Return residual and cross-validation error without and with an effect; people see both in one column."""
+    return tuple(field for key, size, name in (('rms', 'rms', 'residual'), (
+        'held_out_rms', 'cross_validation', text.CROSS_VALIDATION)) for field in (
+            Field(f'{key}_before_m', '', f'{size}_{without}', unit='µm'),
+            Field(f'{key}_after_m', f'{name} without → with it', f'{size}_{present}', unit='µm', text=partial(
+                _before_after, attrgetter(f'{size}_{without}', f'{size}_{present}')))))
+
+
+def _before_after(both: Callable[[Any], tuple[float, float]], record: Any) -> str:
+    return text.before_after(*both(record))
+
+
+CANDIDATE = (
+    Field('effect', 'effect', number=False), Field('claimed', 'identified', number=False),
+    Field('probability', 'probability', show=text.percent), Field('p', text.P_NOISE, show=text.p_value),
+    Field('parameters', get=lambda one: parameters_json(one.parameters), files='json'),
+    Field('visible_fraction', text.VISIBLE, show=text.percent), *_errors_of('before', 'after'),
+    Field('delta_bic', 'ΔBIC', show=partial(text.fixed, places=0)),
+    Field('look_alikes', 'cannot be told from', number=False,
+          text=lambda one: ', '.join(map(title_of, one.look_alikes))), Field('setting', files='json'))
 
 
 def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[str, float | str],
@@ -326,17 +341,22 @@ def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[st
 
 def cross_check(check: CrossCheck) -> Table:
     """Return what another run says of the effects that were learnt on a first one."""
-    every = check.effects
-    return Table('cross_check', 'Effects checked on the other run', (
-        words('effect', 'effect', [one.name for one in every]),
-        words('outcome', 'outcome', [one.outcome for one in every]),
-        column('visible_fraction', text.VISIBLE, [one.visible_fraction for one in every], text.percent),
-        column('p', text.P_NOISE, [one.p for one in every], text.p_value), *_with_and_without('without', 'with', every),
-        words('same_size', 'same size', [{True: 'yes', False: 'no', None: ''}[one.same_size] for one in every])),
-        levels=tuple('' if one.outcome == CONFIRMED else Level.DOUBTFUL for one in every),
+    return fields_table(
+        'cross_check', 'Effects checked on the other run', CHECKED, check.effects,
+        ['' if one.outcome == CONFIRMED else Level.DOUBTFUL for one in check.effects],
         note=f'All together: {text.CROSS_VALIDATION} '
              f'{text.before_after(check.cross_validation_before, check.cross_validation_after)} µm; with the '
              f'amplitudes of the first run and nothing fitted: {text.micro(check.cross_validation_carried)} µm.')
+
+
+CHECKED = (
+    Field('effect', 'effect', 'name', number=False), Field('outcome', 'outcome', number=False),
+    Field('visible_fraction', text.VISIBLE, show=text.percent), Field('p', text.P_NOISE, show=text.p_value),
+    *_errors_of('without', 'with'),
+    Field('same_size', 'same size', text=lambda one: {True: 'yes', False: 'no', None: ''}[one.same_size], number=False),
+    *(Field(name, files='json') for name in ('reason', 'carries', 'setting')),
+    *(Field(name, get=partial(lambda name, one: parameters_json(getattr(one, name)), name), files='json')
+      for name in ('learnt', 'found')))
 
 
 def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = ()) -> Table:

@@ -14,6 +14,9 @@ from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.number_words import micrometres, multiple, p_words
 from rosette_ros.words.noise_words import noise_words
 
+DOES_NOT_FIT = 'The model does not fit: the residual is more than noise.'
+"""Of a model that lacks something, without what it lacks, which a diagnosis names."""
+
 
 @dataclass(frozen=True)
 class ConclusionText:
@@ -47,7 +50,7 @@ def comparison_words(comparison: Comparison) -> str:
     """Return how large the residual is and where it is largest; this judges nothing."""
     chi = comparison.fit.reduced_chi_square
     times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
-    places = sorted((one for one in comparison.groupings if one.p < UNLIKELY), key=lambda one: one.p)
+    places = sorted((one for one in comparison.distinct if one.p < UNLIKELY), key=lambda one: one.p)
     where = ''.join(f', at {one.label} {one.keys[one.worst]}' for one in places[:3])
     like = 'are alike' if comparison.neighbour_correlation > 0 else 'differ more than by chance'
     alike = f'; successive readings {like}' if comparison.neighbour_p < UNLIKELY else ''

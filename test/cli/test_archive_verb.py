@@ -13,7 +13,7 @@ from plain_loop import PlainLoop
 from benchmarks.archive_logs import make_logs
 from rosette_ros import program
 from rosette_ros.archive.run_archive import MARK, PARTS, RunArchive
-from rosette_ros.cli import archive_add
+from rosette_ros.cli import archive
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.model_file import write_model
 
@@ -23,7 +23,7 @@ BALLS = 5
 @pytest.fixture
 def in_this_process(monkeypatch):
     """Let logs be evaluated without processes of their own."""
-    monkeypatch.setattr(archive_add, 'DaskEngine', lambda *_: contextlib.nullcontext(PlainLoop()))
+    monkeypatch.setattr(archive, 'engine_of', lambda *_: contextlib.nullcontext(PlainLoop()))
 
 
 @pytest.fixture

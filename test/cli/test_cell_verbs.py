@@ -159,6 +159,15 @@ def test_replay_publishes_in_another_namespace(demo, rosette):
     assert 'equal to those in the log, bit for bit' in answer.out
 
 
+def test_a_trial_of_the_cmm_warns_nobody(domain_id, make_cell, tmp_path, rosette, wait_until):
+    """Beside a running cell: the sequencer says what goes on, and that the cell is complete again."""
+    with make_cell(domain_id, tmp_path, balls=BALLS) as cell:
+        wait_until(lambda: 'the cell is complete' in cell.processes['sequencer'].text())
+        assert rosette('check-cmm', '--domain', domain_id, '--repeats', 2).code == 0
+        wait_until(lambda: cell.processes['sequencer'].text().count('the cell is complete') == 2)
+        assert [name for name, one in cell.processes.items() if '[WARN]' in one.text() or '[ERROR]' in one.text()] == []
+
+
 def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, refused):
     """A run to its end, a refused goal, a replay that is refused beside a live cell, Ctrl-C."""
     with make_cell(domain_id, tmp_path, balls=BALLS) as cell:

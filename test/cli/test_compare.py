@@ -68,7 +68,9 @@ def test_what_a_person_sees(rosette):
     """Verdict first, σ and where it comes from, bars, the map with the loud ball, no colour."""
     answer = rosette('compare', simulated_table('slip'))
     lines = answer.out.splitlines()
-    assert 'Missing: slip of one ball' in lines[1]
+    assert lines[1].startswith('The model does not fit')
+    assert 'slip of' not in answer.out and 'ball_slip' not in answer.out
+    assert 'rosette diagnose ' in lines[-1]
     assert ' µm, the repeatability; uncertainties of the curves are from ' in ' '.join(answer.out.split())
     bars = next(line for line in lines if line.startswith('ball '))
     assert bars.split()[1][3] == '█'
@@ -80,6 +82,14 @@ def test_what_a_person_sees(rosette):
     assert loud.sum() - loud[:, 3].sum() < 16
     assert max(map(len, lines)) <= 100
     assert '\x1b' not in answer.out
+
+
+def test_time_and_sequence_are_one_row_where_they_are_the_same(rosette):
+    """An even pace parts the readings alike; the number of the reading stands beside the minutes."""
+    even = simulated_table('drift', order='sensitive', time=tuple(30.0 * np.arange(64)))
+    assert re.search('^time, sequence  .* min, readings ', rosette('compare', even).out, re.MULTILINE)
+    out = rosette('compare', simulated_table('slip')).out
+    assert re.search('^time  ', out, re.MULTILINE) and re.search('^sequence  ', out, re.MULTILINE)
 
 
 def test_a_residual_far_below_the_repeatability_has_digits(rosette):

@@ -16,7 +16,7 @@ import yaml
 from faulty_proxy import spoiling
 from matplotlib.patches import Circle
 
-from rosette_ros.cli import dme_client
+from rosette_ros.cli import dme
 from rosette_ros.cli.main import main
 from rosette_ros.core.errors import CellError
 from rosette_ros.dme.dme_server import ServeSettings, serving
@@ -71,9 +71,9 @@ def test_an_address_of_a_server(monkeypatch, text, address):
     async def looked(host, port, settings, trace):
         raise CellError(f'asked {(host, port)}')
 
-    monkeypatch.setattr(dme_client, '_looked', looked)
+    monkeypatch.setattr(dme, '_looked', looked)
     with pytest.raises(CellError, match=re.escape(f'asked {address}')):
-        dme_client.check(argparse.Namespace(server=text, settings=None, trace=False, json=False))
+        dme.check(argparse.Namespace(server=text, settings=None, trace=False, json=False))
 
 
 def test_a_machine_that_is_not_ready(settings, capfd):

@@ -29,7 +29,8 @@ def shown(tmp_path_factory, module_domain_id):
     """Run the demo once; return what it printed and the folder of its log."""
     runs = tmp_path_factory.mktemp('hidden') / 'runs'
     out = []
-    for words in (['demo', '--hidden', SEED, '--balls', BALLS, '-o', runs, '--domain', module_domain_id], ['envelope']):
+    demo = ['demo', '--hidden', SEED, '--balls', BALLS, '-o', runs, '--domain', module_domain_id]
+    for words in (demo, ['envelope', '--all']):
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             assert main([*map(str, words), *(map(str, runs.iterdir()) if out else ())]) == 0
         out.append(printed.getvalue())
@@ -54,7 +55,7 @@ def test_a_key_opens_the_envelope_and_another_leaves_it_shut(tmp_path, module_do
     demo = [sys.executable, '-m', 'rosette_ros.cli.main', 'demo', '--hidden', SEED, '--balls', BALLS, '-o', tmp_path,
             '--domain', module_domain_id]
     with Terminal(*demo) as screen:
-        assert 'What was hidden' not in screen.wait_for('Press Enter to see the results now')
+        assert 'What was hidden' not in screen.wait_for('Press Enter to open it now')
         screen.type('\r')
         screen.wait_for('What was hidden, and what was found')
         assert screen.end() == 0
@@ -70,11 +71,11 @@ def test_a_run_without_an_envelope_is_refused(refused, make_table):
 
 
 def test_sections_in_order(shown):
-    """In order, the digest again at the end; no colour in a pipe."""
+    """The answer first, then how it is found, in order; no colour in a pipe."""
     demo, out, log = shown
     heads = re.findall(r'^(\d)  (\w+)', out, re.MULTILINE)
-    assert heads == [('1', 'evaluate'), ('2', 'compare'), ('3', 'diagnose'), ('4', 'add'),
-                     ('5', 'advise'), ('6', 'the')]
+    assert heads == [('1', 'evaluate'), ('2', 'compare'), ('3', 'diagnose'), ('4', 'add'), ('5', 'advise')]
+    assert out.index('What was hidden') < out.index('1  evaluate')
     digests = re.findall(r'sha256 ([0-9a-f]{64})', out)
     assert digests == [open_envelope(log / 'envelope.json').digest]
     assert f'rosette demo --hidden {SEED}' in demo
@@ -93,7 +94,7 @@ def test_what_is_shown_is_in_the_files(shown):
         effect.kind for effect in machine.hidden]
     found = diagnose(read_log(log).to_run())
     assert set(found.missing) <= set(read_model(log / 'model.yaml').names)
-    last = out.split('What was hidden, and what was found')[1]
+    last = out.split('What was hidden, and what was found')[1].split('1  evaluate')[0]
     for hidden in envelope.hidden:
         line = next(line for line in last.splitlines() if line.startswith(hidden['kind']))
         assert ('named' in line) or ('too small' in line) or ('cannot show it' in line)
@@ -138,8 +139,22 @@ def test_answers(kind, strength, words):
     claimed = SimpleNamespace(effect='frame_drift', claimed=True, look_alikes=('frame_warmup',))
     found = SimpleNamespace(missing=('frame_drift',), candidates=(claimed,),
                             invisible=('table_backlash',), unexplained=False)
-    assert words in answer(kind, strength, found)[0]
-    assert wrongly_named([kind], found) == ([] if kind in ('frame_drift', 'frame_warmup') else ['frame_drift'])
+    assert words in answer(kind, strength, found, found.missing)[0]
+    wrong = [] if kind in ('frame_drift', 'frame_warmup') else ['frame_drift']
+    assert wrongly_named([kind], found, found.missing) == wrong
+
+
+def test_the_model_of_the_user_is_judged(shown, tmp_path, rosette):
+    """The answer first: what it found, what it lacks, what it has too much; the long list only on request."""
+    *_, log = shown
+    kinds = [one['kind'] for one in open_envelope(log / 'envelope.json').hidden]
+    (tmp_path / 'mine.yaml').write_text(f'effects: [{kinds[0]}, plate_creep]\n')
+    lines = rosette('envelope', log, '--model', tmp_path / 'mine.yaml').out.splitlines()
+    said = ' '.join(lines[2:6])
+    assert said.startswith('The model of ') and ' found: ' in said and ' superfluous: ' in said
+    assert len(lines) < 40
+    (tmp_path / 'all.yaml').write_text(f'effects: [{", ".join(kinds)}]\n')
+    assert 'superfluous' not in rosette('envelope', log, '--model', tmp_path / 'all.yaml').out
 
 
 def test_content_is_short():

@@ -24,6 +24,8 @@ SOURCE = 'source the set-up file of ROS 2 and of the workspace'
     (('evaluate', 'run.csv', '--jsn'), "Unknown option '--jsn'. Did you mean --json?"),
     (('dme', 'check', '--jsn'), "Unknown option '--jsn'. Did you mean --json?"),
     (('effects', 'backlash'), "Unknown effect 'backlash'. Did you mean table_backlash?"),
+    (('effects', 'table_motion'), "Unknown effect 'table_motion'. Did you mean table_motions?"),
+    (('add', 'noise.tails', '--model', 'no.yaml'), "Unknown effect 'noise.tails'. Did you mean noise.tail?"),
     (('plan', 'sensitiv', '--balls', '12', '--radius-mm', '180'), "Unknown order 'sensitiv'. Did you mean sensitive?"),
     (('report', 'run.csv', '--format', 'gif'), "argument --format: Unknown value 'gif'. Known: svg, png.")])
 def test_an_unknown_name_is_answered_by_the_nearest(refused, words, wanted):

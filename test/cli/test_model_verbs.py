@@ -12,7 +12,9 @@ import yaml
 from simulated import simulated_run, simulated_table
 
 from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.simulation import Machine, MachineConfig
 
 BASE = ['table_motions', 'plate_deviations', 'cmm_deviations']
 
@@ -48,6 +50,22 @@ def test_remove_gives_the_file_back_as_it_was(rosette, model):
     assert content(model)['base'] == BASE[:2]
     rosette('add', 'cmm_deviations', '--model', model)
     assert content(model)['base'] == BASE
+
+
+def test_what_explains_more_and_what_is_no_longer_needed_is_said(rosette, model, tmp_path):
+    """After `add`: the weaker of two effects helps; one that imitated another is superfluous once that is there."""
+    run = simulated_table('drift_and_warp', order='sensitive')
+    said = ' '.join(rosette('add', 'plate_warp', '--model', model, '--run', run).out.split())
+    assert re.search(r'Warping of the plate (helps: .* But|does not lower .* while) drift of the probe relative to the '
+                     r'table \(frame_drift\) (explains \d\S* times more|is missing: add that first)\.', said)
+    said = json.loads(rosette('add', 'frame_drift', '--model', model, '--run', run, '--json').out)['sentence']
+    assert said.startswith('Drift') and 'But' not in said and 'missing' not in said and 'needed' not in said
+    warmup = {'kind': 'frame_warmup', 'amplitude_um': [0.5, -1.0, -0.5], 'time_constant_h': 0.17}
+    config = MachineConfig().changed(seed=1, hidden=[warmup])
+    write_csv(Machine(config).run(plan(12, 'sensitive')), tmp_path / 'run.csv')
+    rosette('add', 'frame_drift', '--model', tmp_path / 'm.yaml')
+    said = rosette('add', 'frame_warmup', '--model', tmp_path / 'm.yaml', '--run', tmp_path / 'run.csv').out
+    assert 'No longer needed: drift of the probe relative to the table; remove frame_drift.' in ' '.join(said.split())
 
 
 def test_the_right_effect_helps(rosette, model):

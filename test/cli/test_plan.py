@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from simulated import simulated_run
 
-from rosette_ros.cli.plan import add_arguments
+from rosette_ros.cli.plan import plan_arguments
 
 GOLDEN = Path(__file__).parents[1] / 'golden'
 
@@ -227,7 +227,7 @@ def test_what_a_plan_shows_depends_on_the_axis(rosette, refused):
 def test_the_places_of_the_help_can_be_measured(rosette):
     """The order that the help names determines the curves of the usual plate."""
     parser = argparse.ArgumentParser()
-    add_arguments(parser)
+    plan_arguments(parser)
     order, = re.findall(r'row:[\d,]+', parser.format_help())
     got = json.loads(rosette('plan', order, '--balls', 12, '--radius-mm', 182.5, '--json').out)
     assert len(got['ball']) == 48

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from simulated import simulated_table
 
 CURVES = ('ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad')
 
@@ -35,6 +36,24 @@ def test_import_and_export_change_nothing(rosette, make_table, tmp_path, n, orde
     assert rosette('export', log, '-o', again).code == 0
     assert_same_curves(before, evaluation(rosette, again))
     assert evaluation(rosette, again)['run_id'] == f'test_{order}_{n}'
+
+
+def test_the_own_export_survives_a_spreadsheet_with_decimal_commas(rosette, tmp_path):
+    """Split at its commas: numbers of 15 digits with decimal commas, also where they have exponents."""
+    table, saved = simulated_table('drift', 6, 'diagonal'), tmp_path / 'saved.csv'
+
+    def cell(text):
+        try:
+            return f'{float(text):.15g}'.replace('.', ',').upper()
+        except ValueError:
+            return text
+    rows = [line.split(',') for line in table.read_text().splitlines()]
+    lines = [';'.join([row[0], *map(cell, map(str.strip, row[1:]))]) for row in rows]
+    assert any('E-' in line for line in lines if line.startswith('# table_axis'))
+    saved.write_text('\r\n'.join(lines), encoding='utf-8-sig')
+    before, after = evaluation(rosette, table), evaluation(rosette, saved)
+    for curve in CURVES:
+        np.testing.assert_allclose(after[curve], before[curve], rtol=0, atol=1e-12)
 
 
 def test_export_to_the_standard_output(rosette, make_table):

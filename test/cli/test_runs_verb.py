@@ -10,6 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from simulated import simulated_table
 from terminal import Terminal
 
@@ -57,6 +59,31 @@ def test_a_cancelled_run_is_told_as_that(rosette, tmp_path):
     found = json.loads(rosette('runs', tmp_path, '--json').out)['runs'][0]
     assert (found['problem'], found['verdict']) == ('6 balls, cancelled after 23 of 36', None)
     assert '6 balls on R = 182.5 mm, cancelled after 23 of 36' in rosette('info', tmp_path / 'log').out
+
+
+@pytest.mark.parametrize(('answers', 'measured'), [(0, 0), (20, 0), (24, 2)])
+def test_a_run_cancelled_at_its_begin_is_told_as_that(rosette, tmp_path, answers, measured):
+    """Before its first reading, too: no error of many words, nothing about places that were still to come."""
+    left = answers
+    (source,) = (GOLDEN / 'log_broken_off_n6_row').glob('*.mcap')
+    (tmp_path / 'log').mkdir()
+    with open(source, 'rb') as stream, open(tmp_path / 'log' / 'log_0.mcap', 'wb') as target:
+        writer, channels = Writer(target), {}
+        writer.start(profile='ros2')
+        for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            if channel.topic not in channels:
+                channels[channel.topic] = writer.register_channel(channel.topic, 'cdr', writer.register_schema(
+                    schema.name, schema.encoding, schema.data), dict(channel.metadata))
+            is_answer = channel.topic.endswith('ball_centre')
+            if not is_answer or left > 0:
+                writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+            left -= is_answer
+        writer.finish()
+    found = json.loads(rosette('runs', tmp_path, '--json').out)['runs'][0]
+    assert (found['problem'], found['n'], found['readings'], found['verdict']) == (
+        f'6 balls, cancelled after {measured} of 36', 6, measured, None)
+    out = rosette('info', tmp_path / 'log').out
+    assert f'cancelled after {measured} of 36' in out and 'wanted' not in out and 'not measured' not in out
 
 
 def test_a_folder_of_runs_is_no_run(refused, folder, tmp_path):

@@ -44,7 +44,7 @@ def test_json_adds_up(rosette, inputs):
     """The squares of the contributions are that of u; U is twice that; Monte Carlo is beside it."""
     found = json.loads(rosette('budget', simulated_table('drift', 6), '--inputs', inputs, '--hidden-effects',
                                '--monte-carlo', '100', '--json').out)
-    for curve in ('ctx', 'crz'):
+    for curve in ('ctx_m', 'crz_rad'):
         square = sum(one['u'][curve]**2 for one in found['contributions'])
         assert found['u'][curve] == pytest.approx(np.sqrt(square))
         assert found['U'][curve] == pytest.approx(2 * found['u'][curve])

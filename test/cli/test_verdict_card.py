@@ -4,7 +4,7 @@
 import io
 
 from rosette_ros.cli.console import console
-from rosette_ros.cli.verdict_card import print_card
+from rosette_ros.cli.evaluate import print_card
 from rosette_ros.core.diagnosis.diagnosis import Unnamed
 from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from rosette_ros.analysis import analyse
-from rosette_ros.cli import circle_demo, demo, verification_demo
+from rosette_ros.cli import demo
 from rosette_ros.cli.report import verification_of
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.report.verification import PAPER
@@ -52,7 +52,7 @@ def test_verification_over_real_nodes(rosette, tmp_path, domain_id):
 def test_what_has_no_meaning_is_refused(refused, tmp_path, monkeypatch, words, said):
     """One line, before a cell is started."""
     monkeypatch.setattr(demo, 'demo_cell', lambda *_: pytest.fail('started a cell'))
-    monkeypatch.setattr(verification_demo, 'run', lambda _: pytest.fail('started a cell'))
-    monkeypatch.setattr(circle_demo, 'run', lambda _: pytest.fail('started a cell'))
+    monkeypatch.setattr(demo, 'verify_method', lambda _: pytest.fail('started a cell'))
+    monkeypatch.setattr(demo, 'go_round', lambda _: pytest.fail('started a cell'))
     assert said in refused('demo', *words, '-o', tmp_path / 'runs')
     assert list(tmp_path.iterdir()) == []

@@ -245,7 +245,7 @@ WRONG = {
     'approach': (changed(9, '20.2,1', '20.2,2'),
                  r'line 9: column approach: wanted 1, -1 or 0 \(unknown\), got 2'),
     'no schema': (TABLE.partition('\n')[2], 'wanted "# schema: rosette-ball-centres/1" in the first lines, got none; '
-                  '`rosette plan --balls 12 --radius-mm 182.5 --order diagonal --csv-template` prints'),
+                  'add that line; `rosette plan --balls 12 --radius-mm 182.5 --order diagonal --csv-template` prints'),
     'other schema': (changed(1, '/1', '/2'), "line 1: wanted .*, got 'rosette-ball-centres/2'"),
     'no radius': (TABLE.replace('# radius_mm: 100\n', ''), 'wanted "# radius_mm: ...", the nominal'),
     'radius word': (changed(2, '100', 'wide'), "line 2: wanted radius_mm: a positive number, got 'w"),

@@ -2,7 +2,7 @@
 """Model compared with measurement: where the residual is, and by how much of sigma."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
@@ -18,6 +18,9 @@ from rosette_ros.core.records import Floats, Ints, Run, remove_gauge
 
 DRAWS = 400
 NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
+
+EVEN = 0.9
+"""Share of readings that parts of time and of the sequence have in common, from which on both say the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +91,16 @@ class Comparison:
     neighbour_p: float
     worst: tuple[Reading, ...]
     harmonics: tuple[Harmonic, ...]
+
+    @property
+    def distinct(self) -> tuple[Grouping, ...]:
+        """The groupings; one of time and sequence where both part the readings alike."""
+        parts = {label: index for label, index, _ in places(self.fit.run)}
+        if np.mean(parts['time'] == parts['sequence']) < EVEN:
+            return self.groupings
+        *others, time, sequence = self.groupings
+        both = [f'{minutes}, readings {numbers}' for minutes, numbers in zip(time.keys, sequence.keys, strict=True)]
+        return (*others, replace(time, label='time, sequence', keys=tuple(both)))
 
 
 def compare(fitted: Fit, seed: int = 0) -> Comparison:

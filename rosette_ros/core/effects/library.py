@@ -4,6 +4,8 @@
 A Quantity is the amplitude of a function of the course; the motion adds its axes to name and meaning.
 """
 
+from collections.abc import Collection
+
 from rosette_ros.core.effects import ball_courses as of_ball
 from rosette_ros.core.effects import courses as of
 from rosette_ros.core.effects import motions as move
@@ -319,10 +321,12 @@ def effects_of(run: Run) -> dict[str, Effect]:
     return {name: one for name, one in EFFECTS.items() if one.can_be_in(run)}
 
 
-def effect(name: str) -> Effect:
-    """Return the effect or free course of a name; raise InvalidModel, with the nearest one, if there is none."""
+def effect(name: str, others: Collection[str] = ()) -> Effect:
+    """Return the effect or free course of a name; raise InvalidModel, with the nearest one or other, if there is none.
+
+    others: names of what is no effect and would have done, too."""
     if name not in EFFECTS and name != FREE.name:
-        raise InvalidModel(unknown_name('effect', name, EFFECTS, 'rosette effects'))
+        raise InvalidModel(unknown_name('effect', name, (*EFFECTS, *others), 'rosette effects'))
     return EFFECTS.get(name) or FREE
 
 

@@ -118,7 +118,7 @@ class Model:
             return replace(self, base=(*self.base, name))
         if name in NOISE_TERMS:
             return replace(self, noise=(*self.noise, name))
-        return replace(self, terms=(*self.terms, Term(effect(name), Setting(fixed or {}))))
+        return replace(self, terms=(*self.terms, Term(effect(name, (*BASE_TERMS, *NOISE_TERMS)), Setting(fixed or {}))))
 
     def with_entry(self, entry: object) -> 'Model':
         """Return the model with an entry of a model file more: name, mapping or custom term."""

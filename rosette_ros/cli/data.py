@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette info: what is in a run, a log or a table, without evaluating it."""
+"""Data in and out: what is in a run, a table to a log, a run to a table."""
 
+import os
+import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,33 +12,35 @@ import numpy as np
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_shared
-from rosette_ros.cli.console import console, pairs, print_json, print_parts
+from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, warn
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.records import Run
+from rosette_ros.io.ball_centre_table import format_csv, read_csv, write_csv
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
-from rosette_ros.io.run_to_log import NOTES_KEY
+from rosette_ros.io.run_to_log import NOTES_KEY, write_log
+from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
 
 
-def add_arguments(parser: ArgumentParser) -> None:
+def info_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', '--json')
 
 
-def run(options: Namespace) -> None:
+def run_info(options: Namespace) -> None:
     """Print what is in the run."""
     path = Path(options.run_path)
     facts = log_facts(path) if is_log(path) else table_facts(path)
     if options.json:
         print_json(facts)
     else:
-        show(facts)
+        show_info(facts)
 
 
 def table_facts(path: Path) -> dict[str, Any]:
@@ -67,19 +71,19 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
     state, answers = {one.run_id: one for one in log.states}.get(run_id), log.runs[run_id]
     identity = log.identity(run_id)
     first, published = answers.targets[0], [one for one in log.error_motions if one.run_id == run_id]
-    phases = counts_of(log, run_id)
+    phases, stopped = counts_of(log, run_id), broken_off(log, run_id)
     found = problem = None
     unused = {reason: count for reason, count in answers.unused().items() if count}
     try:
         found = log.to_run(run_id)
     except RosetteError as error:
-        problem = str(error)
+        problem = None if stopped else str(error)
     remarks = [one for one in found.remarks if one != log.damage] if found else answers.remarks
     noted = dict.fromkeys([*(found.notes if found else ()), *log.custom_data.get(NOTES_KEY, '').splitlines()])
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
                       notes=[one for one in noted if one not in remarks],
                       balls=np.unique(found.ball).size if found and is_done(log, run_id) else first.balls,
-                      broken_off=broken_off(log, run_id), unused=unused, remarks=remarks,
+                      broken_off=stopped, **({'missing': ''} if stopped else {}), unused=unused, remarks=remarks,
                       identity=dict(identity.entries), tolerances=dict(identity.tolerances),
                       published_curves=len(published), model=published[-1].model_name if published else None,
                       ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem,
@@ -124,7 +128,7 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'identity': {}, 'tolerances': {}, **of_log}
 
 
-def show(facts: dict[str, Any]) -> None:
+def show_info(facts: dict[str, Any]) -> None:
     """Print the facts for a person."""
     out, topics = console(), facts['topics']
     out.print(f'[bold]{facts["kind"].capitalize()}[/] {escape(facts["path"])}', soft_wrap=True)
@@ -174,3 +178,45 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
             *(('Doubtful', f'[yellow]{escape(remark)}[/]') for remark in facts['remarks']),
             ('Problem', f'[red]{escape(facts["problem"])}[/]' if facts['problem'] else '')]
     return [row for row in rows if row[1]]
+
+
+def import_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('table', metavar='CSV', help='ball-centre table, rosette-ball-centres/1')
+    parser.add_argument('-o', '--output', metavar='RUN', required=True,
+                        help='log directory to make; an existing log is never changed')
+
+
+def run_import(options: Namespace) -> None:
+    """Write the log."""
+    measured = read_csv(options.table)
+    log = write_log(measured, Path(options.output), TypeLibrary.from_environment(os.environ))
+    out = console()
+    out.print(head(measured))
+    warn(measured)
+    out.print(f'Log: {escape(str(log))}', soft_wrap=True)
+
+
+def export_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'run_path', '--run-id', '--force')
+    parser.add_argument('-o', '--output', metavar='CSV', required=True,
+                        help='table to write; - for the standard output')
+
+
+def run_export(options: Namespace) -> None:
+    """Write the table."""
+    measured = open_run(options.run_path, options.run_id)
+    warn(measured)
+    if options.output == '-':
+        sys.stdout.write(format_csv(measured))
+        return
+    write_csv(measured, options.output, options.force)
+    out = console()
+    out.print(head(measured))
+    out.print(f'Table: {escape(options.output)}', soft_wrap=True)
+
+
+IMPLEMENTED = {
+    'info': (info_arguments, run_info), 'import': (import_arguments, run_import),
+    'export': (export_arguments, run_export)}

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What follows from a run: a correction, whether it did what it promised, the uncertainty budget."""
+
+import sys
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import MofNCompleteColumn, Progress
+
+from rosette_ros import command
+from rosette_ros.analysis import evaluate_jointly
+from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
+from rosette_ros.cli.console import COLOURS, console, head, print_json, print_parts, print_verdict, warn
+from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.cli.opened import Opened
+from rosette_ros.core.budget_inputs import BudgetInputs
+from rosette_ros.core.budget_monte_carlo import MonteCarlo, monte_carlo
+from rosette_ros.core.correction import Correction
+from rosette_ros.core.correction_check import backward_share, check_correction
+from rosette_ros.core.diagnosis.verdict import Level, Verdict
+from rosette_ros.core.error_summary import doubt_of
+from rosette_ros.core.planning.visibility import visibility
+from rosette_ros.core.records import CURVES
+from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.io.budget_file import read_budget
+from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation, read_correction
+from rosette_ros.io.open_run import joint_identity, open_readings
+from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.io.text_file import refuse_output, write_text
+from rosette_ros.io.touch_log import refit_if_touched
+from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
+from rosette_ros.presentation.correction_results import check_json, check_table, correction_table
+from rosette_ros.presentation.formatting import SCALES, exact
+from rosette_ros.words.verdict_words import verdict_text
+
+NOT_CONFIRMED = 1
+"""Exit code; 0 where the correction did what it promised."""
+FEWEST_TRIALS, MOST_TRIALS = 100, 1_000_000
+STEPS = {'csv': 5.0, 'linuxcnc': 2.0}
+"""Default distance of the lines of a table, deg."""
+MOST_LINES = 100_000
+"""Lines of a table; LinuxCNC reads fewer."""
+
+
+def correct_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'run_path', nargs='+')
+    add_shared(parser, '--run-id', '--model')
+    add_joint(parser)
+    add_shared(parser, '--identity')
+    parser.add_argument('--for', dest='target', choices=('ros', 'csv', 'linuxcnc'), default='ros',
+                        help='ros: rosette-correction/1 (YAML) for table_corrector, verify and the simulated machine; '
+                             'csv: a table; linuxcnc: a compensation file, COMP_FILE_TYPE = 1 (default ros)')
+    parser.add_argument('-o', '--output', metavar='FILE', required=True, help='file to write')
+    parser.add_argument('--curves', metavar='LIST', help='which errors are taken off, such as crz,ctz (default: all '
+                        'six; for linuxcnc crz, since it turns the table only)')
+    parser.add_argument('--step', metavar='DEG', type=positive('deg'),
+                        help='distance of the lines of a table (default 5 for csv, 2 for linuxcnc)')
+    parser.add_argument('--range', metavar=('MIN', 'MAX'), nargs=2, type=float,
+                        help='angles of the table, deg; for linuxcnc MIN_LIMIT and MAX_LIMIT of the axis '
+                             '(default 0 360)')
+    add_shared(parser, '--force')
+
+
+def run_correct(options: Namespace) -> None:
+    """Write the file and say what is in it."""
+    corrected = CURVES if options.target != 'linuxcnc' else ('crz',)
+    if options.curves is not None:
+        corrected = tuple(options.curves.split(','))
+    if [one for one in corrected if one not in CURVES]:
+        raise UsageError(f'--curves: wanted some of {",".join(CURVES)}, got {options.curves!r}')
+    if options.target == 'ros' and (options.step or options.range):
+        raise UsageError(f'correct: --{"step" if options.step else "range"} goes with --for csv or linuxcnc only; '
+                         'leave it out')
+    if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
+        raise UsageError(f'--output: wanted a name for YAML with --for ros, got {options.output!r}; --for csv writes a '
+                         'table')
+    low, high = options.range or (0.0, 360.0)
+    if not low < high:
+        raise UsageError(f'correct: --range: wanted MIN below MAX, got {low:g} and {high:g}')
+    step = options.step or STEPS.get(options.target, 0.0)
+    if step and (high - low) / step > MOST_LINES:
+        raise UsageError(f'correct: wanted a table of at most {MOST_LINES} lines, got --range {low:g} {high:g} with '
+                         f'--step {step:g}; take a larger --step or a smaller --range')
+    refuse_output(options.output, options.force)
+    correction, table, verdict, unknown = _correction(options, corrected)
+    if options.target == 'linuxcnc':
+        text = linuxcnc_compensation(correction, low, high, step)
+    elif options.target == 'csv':
+        text = correction_csv(correction, np.deg2rad(np.append(np.arange(low, high - 1e-9, step), high)))
+    else:
+        text = format_correction(correction, table)
+    write_text(options.output, text, options.force)
+    out = console()
+    if verdict:
+        out.print(f'[{COLOURS[verdict.level]}]{escape(verdict_text(verdict).sentence)}[/]')
+        if verdict.model_fails:
+            out.print('What the model lacks may be in these curves: add it first (rosette add).')
+    print_parts(out, [correction_table(correction)])
+    lines = [f'Harmonics: up to {correction.harmonics} of the table angle, those that the run determines.']
+    if unknown:
+        lines.append(f'Not corrected, as the runs do not tell it: the mean of the reversal of {", ".join(unknown)}.')
+    if step:
+        bound = dict(zip(CURVES, correction.curvature() * np.deg2rad(step)**2 / 8))
+        missed = ((max([bound[one] for one in corrected if one.startswith(kind)], default=None), unit)
+                  for kind, unit in (('ct', 'm'), ('cr', 'rad')))
+        lines.append(f'Straight lines between the angles of the table miss {", ".join(corrected)} by at most '
+                     f'{" and ".join(_in_unit(size, unit) for size, unit in missed if size is not None)}.')
+    lines.append(f'File: {options.output}')
+    if options.target == 'ros':
+        lines.append('After a run with the correction, whether it did what it promised:\n  '
+                     + command('verify', options.run_path[0], 'AFTER', '--correction', options.output,
+                               *(('--model', options.model) if options.model else ())))
+    out.print('\n' + escape('\n'.join(lines)), soft_wrap=True)
+
+
+def _correction(options: Namespace, corrected: tuple[str, ...]
+                ) -> tuple[Correction, str, Verdict | None, list[str]]:
+    """Return the Correction, the table's serial number, the verdict of one run, and curves of unknown mean reversal."""
+    if is_joint(options):
+        result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path],
+                                  read_sharing(options.share, len(options.run_path)))
+        identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
+        first, runs = result.curves[0][0].name, result.solution.model.runs
+        by_sense = {table.sense: motions for table, motions in result.curves if table.name == first}
+        forward, backward = (by_sense.get(sense, by_sense.get(0)) for sense in (1, -1))
+        known = [one for one in (forward, backward) if one is not None]
+        unknown = [curve for curve, *are_known in zip(CURVES, *[one.is_known for one in result.reversals
+                                                                if one.table == first])
+                   if curve in corrected and not all(are_known)]
+        return (Correction(known[0], known[-1], corrected, '+'.join(one.run_id for one in runs),
+                           any(one.simulated for one in runs)), identity['table.serial'], None, unknown)
+    opened = Opened(options, options.run_path[0])
+    run = opened.run
+    if run.table_offset:
+        raise UsageError(f'{opened.path}: wanted a run whose table position 1 is at angle 0, got '
+                         f'{np.rad2deg(run.table_offset):.6g} deg; with --joint its curves are in the axes of angle 0')
+    motions = opened.fit.error_motions
+    return (Correction(motions, motions, corrected, run.run_id, run.simulated), opened.identity['table.serial'],
+            opened.verdict, [])
+
+
+def _in_unit(size: float, unit: str) -> str:
+    factor, name = SCALES[unit]
+    return f'{exact(size * factor, 4)} {name}'
+
+
+def verify_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    for when in ('before', 'after'):
+        parser.add_argument(when, metavar=when.upper(), help=f'run {when} the correction: log or table')
+    parser.add_argument('--correction', metavar='FILE', required=True,
+                        help='the correction (rosette correct RUN --for ros)')
+    add_shared(parser, '--model', '--json')
+
+
+def run_verify(options: Namespace) -> int:
+    """Print what became of each error; return 0 where the correction did what it promised, else 1."""
+    correction, serial = read_correction(options.correction)
+    opened = [Opened(options, path) for path in (options.before, options.after)]
+    before, after = (one.fit for one in opened)
+    others = [f'{one.path}: is of table {one.identity["table.serial"]}, the correction of table {serial}'
+              for one in opened if serial and one.identity['table.serial'] not in ('', serial)]
+    first, second = (fit.error_motions.turned_back(fit.run.table_offset) for fit in (before, after))
+    check = check_correction(first, second, correction, others,
+                             (backward_share(before.run), backward_share(after.run)))
+    code = 0 if check.level is Level.GOOD else NOT_CONFIRMED
+    if options.json:
+        print_json({**check_json(check, (before.run.run_id, after.run.run_id)), 'remarks': others})
+        return code
+    out = console()
+    for fit in (before, after):
+        out.print(head(fit.run))
+        warn(fit.run)
+    if before.run.table_offset:
+        out.print('The curves below are along x and y of table angle 0, as those of the correction.')
+    print_verdict(out, check)
+    print_parts(out, [check_table(check)])
+    return code
+
+
+def budget_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'run_path', '--run-id', '--model', '--inputs')
+    parser.add_argument('--hidden-effects', action='store_true', help='add bounds of effects that are not in the model '
+                        'and that this order of measurement hides')
+    parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),
+                        help='repeat the run N times with drawn contributions and compare (GUM S1, S2); '
+                        'fewer than 1000 decide nothing, 10000 are usual')
+    parser.add_argument('--seed', type=whole(0, 2**63 - 1), help='of the Monte Carlo (default 0)')
+    parser.add_argument('-o', '--output', metavar='FILE', type=picture_file,
+                        help='draw the bars (.png, .svg or .pdf)')
+    add_shared(parser, '--force', '--json')
+
+
+def run_budget(options: Namespace) -> None:
+    """Print the budget."""
+    if options.seed is not None and not options.monte_carlo:
+        raise UsageError('budget: --seed goes with --monte-carlo only; leave it out')
+    if options.output:
+        refuse_output(options.output, options.force)
+    inputs = read_budget(options.inputs) if options.inputs else BudgetInputs()
+    opened = Opened(options)
+    fit, refit = opened.fit, refit_if_touched(opened.path, options.run_id)
+    hidden = visibility(opened.run, fit.sigma, fit.model.base) if options.hidden_effects else None
+    made = budget(fit, inputs, touch_scatter(refit), hidden, doubt_of(opened.verdict))
+    found = _repeated(made, options.monte_carlo, options.seed or 0) if options.monte_carlo else None
+    if options.output:
+        plots('plot_style').save(plots('budget_plots').budget_bars(made, found), options.output, options.force)
+    if options.json:
+        print_json(budget_json(made, found))
+        return
+    out = console()
+    opened.begin(out)
+    show_budget(out, made, found)
+    if hidden is None:
+        out.print('Bounds of effects that this order hides: --hidden-effects')
+    if options.output:
+        out.print(f'\nPicture: {escape(str(options.output))}', soft_wrap=True)
+
+
+def show_budget(out: Console, made: Budget, found: MonteCarlo | None = None) -> None:
+    """Print a budget, what Monte Carlo says, and what is not considered."""
+    print_parts(out, budget_tables(made, found))
+    if found:
+        colour = {True: 'green', False: 'red', None: 'yellow'}[found.agrees]
+        out.print(f'[{colour}]{escape(agreement_words(found))}[/]')
+        out.print(escape(together_words(found)))
+    out.print('\n[bold]Not considered[/]')
+    for sentence in made.open:
+        out.print(escape(f'- {sentence}'))
+
+
+def _repeated(made: Budget, trials: int, seed: int) -> MonteCarlo:
+    """Return the Monte Carlo of a budget, with a progress bar on a terminal."""
+    screen = console(sys.stderr)
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=screen, transient=True,
+                  disable=not screen.is_terminal) as bar:
+        task = bar.add_task('Monte Carlo', total=trials)
+        return monte_carlo(made, trials, seed, lambda done: bar.advance(task, done))
+
+
+IMPLEMENTED = {
+    'correct': (correct_arguments, run_correct), 'verify': (verify_arguments, run_verify),
+    'budget': (budget_arguments, run_budget)}
