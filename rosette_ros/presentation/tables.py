@@ -2,6 +2,7 @@
 """Tables of a run, a diagnosis, orders and changes, built once for terminal, report, studio and CSV."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -16,6 +17,7 @@ from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.error_summary import fit_lines, peak_to_valley
+from rosette_ros.core.errors import counted
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
@@ -40,6 +42,8 @@ ALIKE = 0.05
 """Relative range of uncertainties that are told once, by the largest."""
 LEAST_NOISE = 1e-15
 """What stands for the noise of readings that have none, m: nothing is divided by zero."""
+ONE_ROW = 0.2
+"""Groups in time and in sequence are one row up to this relative difference: those of a steady pace."""
 LEAST_P = 1 / (DRAWS + 1)
 """Smallest probability that the draws of a comparison can show."""
 BARS, GAP, MOST_BARS = '▁▂▃▄▅▆▇█', '·', 40
@@ -157,7 +161,10 @@ def axes(comparison: Comparison) -> Table:
 
 def places(comparison: Comparison) -> Table:
     """Return, for each grouping of the residuals, a bar for every group and the group with the largest residual."""
-    sigma, every = noise_of(comparison.fit)[0], comparison.groupings
+    sigma, every = noise_of(comparison.fit)[0], list(comparison.groupings)
+    time = next((one.rms for one in every if one.label == 'time'), np.array([]))
+    every = [one for one in every if one.label != 'sequence' or one.rms.shape != time.shape
+             or not np.allclose(one.rms, time, rtol=ONE_ROW)]
     sizes = [np.sqrt(np.mean(one.rms**2, axis=1)) / sigma for one in every]
     largest = [*(float(np.nanmax(size)) for size in sizes), float('nan')]
     top = max(largest[:-1])
@@ -345,6 +352,7 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
     beside = [best.get(one.name) for one in every]
     return Table('visibility', 'What the order of measurement shows of every effect', (
         words('effect', 'effect', [one.name for one in every]),
+        words('title', 'effect', [title_of(one.name) for one in every]),
         words('meaning', 'meaning', [text.MEANINGS[one.name].meaning for one in every]),
         column('typical_visible_fraction', f'{text.VISIBLE}, typical', [one.typical_share for one in every],
                text.percent),
@@ -358,6 +366,15 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
         words('remark', 'remark', [_remark(one) for one in every])),
         levels=tuple('' if one.reason or one.typical_share >= GOOD_SHARE else
                      Level.BAD if one.hidden else Level.DOUBTFUL for one in every))
+
+
+def weak_effects(every: Table, most: int) -> Table:
+    """Return of a table of `visibility` the effects that the order hardly shows, the least visible first."""
+    shares = next(one.values for one in every.columns if one.key == 'typical_visible_fraction')
+    weak = sorted((row for row in range(len(shares)) if every.level(row)), key=lambda row: shares[row])
+    more = f', the first {most}' * (len(weak) > most)
+    return replace(every.only(weak[:most]), name='weak',
+                   title=f'What this order can hardly show: {len(weak)} of {counted(len(shares), "effect")}{more}')
 
 
 def _limit(value: float | None) -> str:

@@ -67,7 +67,7 @@ def test_the_budget_is_calculated_on_request(shared_page, tmp_path):
     result, go = page.get_by_test_id('budget-result'), page.get_by_test_id('budget-go')
     go.click()
     expect(result).to_contain_text('repeatability x')
-    expect(result).to_contain_text('Form of the balls: not stated (ball_form).')
+    expect(result).to_contain_text('form of the balls (ball_form)')
     expect(result.locator('.js-plotly-plot .barlayer .trace').first).to_be_visible()
     inputs = tmp_path / 'inputs.yaml'
     inputs.write_text('schema: rosette-budget/1\nradius: {u_um: 1.0, words: MPE}\n')

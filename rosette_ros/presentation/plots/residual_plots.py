@@ -22,7 +22,7 @@ ANGLES = {angle: str(angle) for angle in range(0, 301, 60)}
 AXES = ('x', 'y', 'z')
 LOOKS = ((style.BEFORE, 3.4, style.DASHED), (style.AFTER, 2.4, '-'))
 """Colour, size of the dots and line of their mean, before and after the identified effects are added."""
-MAP, ROW, WAVES = 2.0, 2.75, 1.7
+MAP, ROW, WAVES = 1.4, 2.15, 1.7
 """Heights in inches: of a residual map, of a row of them, of a map of waves."""
 SECTIONS, LEAST_MEAN = 12, 6
 """Most means of neighbours along a line, and how many readings one is made of at least."""
@@ -65,7 +65,7 @@ def residual_maps(rows: Sequence[Residuals]) -> Figure:
             panel = made.add_axes((0.065 + 0.29 * axis, bottom, 0.275, MAP / height))
             _map(panel, grid[..., axis], limit, 'x' if axis else 'xy')
             style.title(panel, f'residual in {name}', **CENTRED)
-            panel.set_xlabel('ball', **SMALL)
+            panel.set_xlabel('ball', labelpad=2, **SMALL)
             if axis == 0:
                 panel.set_ylabel('table position', **SMALL)
     axes = made.add_axes((0.98, bottom, 0.012, 1 - 0.4 / height - bottom))

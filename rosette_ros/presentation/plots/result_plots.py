@@ -18,9 +18,7 @@ from rosette_ros.presentation.plots import plot_style as style
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
 MEANING = {'ctx': 'radial in x', 'cty': 'radial in y', 'ctz': 'axial', 'crx': 'tilt about x',
            'cry': 'tilt about y', 'crz': 'angular positioning'}
-LAYOUT = ('ctx', 'crx', 'cty', 'cry', 'ctz', 'crz')
-"""Translations on the left, rotations on the right."""
-INCH = {'panels': 4.5, 'title': 0.3, 'foot': 0.42, 'head': 0.25}
+INCH = {'panels': 2.3, 'title': 0.3, 'foot': 0.42, 'head': 0.25}
 TRUE_LOOK: dict[str, Any] = {
     'color': style.INK, 'linewidth': 1.3, 'linestyle': style.DASHED, 'marker': 'x', 'markersize': 5, 'zorder': 5}
 EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+'})
@@ -63,7 +61,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
     made, grid = _empty_panels(heading, series[0].motions.rotation)
     known: dict[str, Any] = {}
     are_all_drawn = True
-    for panel, curve in zip(grid, LAYOUT, strict=True):
+    for panel, curve in zip(grid, CURVES, strict=True):
         drawn = _are_drawn(series, curve)
         are_all_drawn &= drawn == [one.banded for one in series]
         lines = [_draw(panel, one, curve, place, drawn[place]) for place, one in enumerate(series)]
@@ -71,7 +69,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
             lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)]), **TRUE_LOOK)
         known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
     if panel.collections:
-        words = '' if are_all_drawn else f'; one {WIDE:g} times as wide is not drawn'
+        words = '' if are_all_drawn else '; much wider ones are not drawn'
         known[f'bands: U (k = {COVERAGE_FACTOR}){words}'] = Patch(color=style.GREY, alpha=0.25, linewidth=0)
     style.legend(made, [*lines, *known.values()], [*labels, *known])
     return made
@@ -80,14 +78,15 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
 def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Figure, Any]:
     top = INCH['head'] + (INCH['title'] if heading else 0)
     height = INCH['panels'] + INCH['foot'] + top
-    made = style.figure(height, left=0.088, right=0.99, bottom=INCH['foot'] / height, top=1 - top / height, hspace=0.26,
-                        wspace=0.2)
-    grid = style.panels(made, 3, 2)
-    for panel, curve in zip(grid.flat, LAYOUT, strict=True):
+    made = style.figure(height, left=0.075, right=0.985, bottom=INCH['foot'] / height, top=1 - top / height,
+                        hspace=0.28, wspace=0.22)
+    grid = style.panels(made, 2, 3)
+    for panel, curve in zip(grid.flat, CURVES, strict=True):
         panel.axhline(0, color=style.INK, linewidth=0.8)
         panel.set_xlim(-8, 368)
-        style.title(panel, f'{curve} ({iso_name(curve, rotation)}), {MEANING[curve]}')
-        panel.set_ylabel(CURVE_UNITS[CURVES.index(curve)])
+        style.title(panel, f'{curve} ({iso_name(curve, rotation)}), {MEANING[curve]}', fontsize=style.TEXT)
+        if panel in grid[:, 0]:
+            panel.set_ylabel(CURVE_UNITS[CURVES.index(curve)], labelpad=2)
         style.scale(panel, ANGLES, numbers='xy' if panel in grid[-1] else 'y')
     for panel in grid[-1]:
         panel.set_xlabel('table angle in degrees')
@@ -131,7 +130,7 @@ def differences(labels: Sequence[str], angle: Floats, values: Floats, spread: Fl
     noise explains, a band of two; reference: (6,), dashed; rotation: as of Run.
     """
     made, grid = _empty_panels(rotation=rotation)
-    for panel, curve in zip(grid, LAYOUT, strict=True):
+    for panel, curve in zip(grid, CURVES, strict=True):
         which = CURVES.index(curve)
         panel.axhspan(-2e6 * spread[which], 2e6 * spread[which], color='#999999', alpha=0.18, linewidth=0)
         if reference is not None:

@@ -227,8 +227,9 @@ def _c4(count: int) -> float:
 
 
 def verification_html(verification: Verification, command: str = '',
-                      pictures: Mapping[str, Figure] | None = None) -> str:
-    """Return the report of a Verification as one HTML text; pictures: where they are drawn already."""
+                      pictures: Mapping[str, Figure] | None = None, annexed: bool = False) -> str:
+    """Return the report of a Verification as one HTML text; pictures: where they are drawn already; annexed: as of
+    `report_html`."""
     pictures = pictures or verification_pictures(verification)
     members = verification.members
     files = {(file.path, file.sha256): file for one in members for file in one.source.files}
@@ -239,7 +240,7 @@ def verification_html(verification: Verification, command: str = '',
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
         p=f'{text.P_NOISE} of the differences: {text.p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
-        numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(),
+        numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), annexed=annexed,
         simulated=simulated_words(simulated, len(members)), model=text.model_words(members[0].fit.model),
         running=f'Verification, {len(members)} runs, the first {_name(members[0])}{" (SIMULATED)" * bool(simulated)}')
 
@@ -266,7 +267,7 @@ def _extras(verification: Verification) -> list[Extra]:
 
 
 def _bars(verification: Verification) -> list[tuple[str, list[tuple[str, float, str, str]]]]:
-    """Return two groups of bars, µm and µrad: this cell, noise alone, the paper; as `run_page.bars`."""
+    """Return two groups of bars, µm and µrad: this cell, noise alone, the paper: label, size, text, class of colour."""
     expected = verification.expected[:3].mean(), verification.expected[3:].mean()
     groups = []
     for place, (heading, unit, digits) in enumerate((('Translations', 'µm', 3), ('Rotations', 'µrad', 2))):
