@@ -41,10 +41,10 @@ DAY = datetime.timedelta(1)
 """Dates of a log are UTC, those of an identity local: so much they may differ."""
 NEEDED = ('certificate.number', 'laboratory.country')
 """Entries without which there is no document."""
-CONTENT_OF_U = ('U (k = 2, about {share}) contains the scatter of the readings and the uncertainty of the effects in '
-                'the model; it does not contain effects that are not in the model, nor the scale of the CMM.')
-OF_BUDGET = ('U (k = 2, about {share}) is that of the uncertainty budget, the root of the sum of its squares; it does '
-             'not contain effects that are not in the model, nor the scale of the CMM.')
+CONTENT_OF_U = 'contains the scatter of the readings and the uncertainty of the effects in the model'
+OF_BUDGET = 'is that of the uncertainty budget, the root of the sum of its squares'
+HEAT = ('plate_expansion', 'frame_expansion')
+"""Sections of an inputs file that bring heat into U."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +111,16 @@ class Certificate:
     def is_simulated(self) -> bool:
         """Whether any of the runs is."""
         return any(run.simulated for run in self.runs)
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether conformity with a tolerance is decided."""
+        return any(line.tolerance is not None for curves in self.sets for line in curves.lines)
+
+    @property
+    def beside_conformity(self) -> str:
+        """What a decision on conformity does not consider, in a sentence."""
+        return f'Conformity is decided with this U, which does not contain {lacking_in_u(self.budget)}.'
 
     @property
     def judgement(self) -> str:
@@ -194,7 +204,8 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], r
                           'config/identity.yaml)')
     _check_issue(identity['certificate.date'], days[1])
     least = min(one.probability for one in sets)
-    content = (OF_BUDGET if made else CONTENT_OF_U).format(share=f'{least:.0%}'.replace('%', ' %'))
+    content = (f'U (k = 2, about {100 * least:.0f} %) {OF_BUDGET if made else CONTENT_OF_U}; it does not contain effects '
+               f'that are not in the model, nor {lacking_in_u(made)}.')
     further = [
         'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',
         *(f'Contradiction: {words}.' for words in contradictions), content]
@@ -246,6 +257,12 @@ def _measured(run: Run, source: Source) -> Measured:
         ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
         ('Notes', '; '.join(run.notes)))
     return Measured(rows[0][1], tuple(row for row in rows if row[1]), days, known, run.simulated)
+
+
+def lacking_in_u(made: Budget | None) -> str:
+    """Return in words which of heat and scale U does not contain."""
+    heat = made is not None and all(section in made.inputs for section in HEAT)
+    return 'the scale of the CMM' if heat else 'thermal expansion and the scale of the CMM'
 
 
 def release(version: str) -> str:
