@@ -29,7 +29,7 @@ from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES
 from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions
-from rosette_ros.presentation.formatting import CURVE_UNITS
+from rosette_ros.presentation.formatting import CURVE_UNITS, glued
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, contact, signer
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
@@ -251,7 +251,7 @@ def _known(words: str) -> str:
 
 
 def _text(words: str) -> str:
-    return escape(_known(words), quote=False)
+    return escape(glued(_known(words)), quote=False)
 
 
 def _words(markup: str, size: float = SIZE, font: str = PLAIN, soft: bool = False, alignment: int = 0) -> Paragraph:
