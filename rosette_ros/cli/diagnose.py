@@ -12,10 +12,12 @@ from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts
 from rosette_ros.cli.verdict_card import print_card
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
+from rosette_ros.core.error_summary import doubt_of, fit_lines
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation import tables
+from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.explanation_results import explanations
 from rosette_ros.presentation.json_output import diagnosis_json
 from rosette_ros.words.advice_words import advice_words
@@ -69,7 +71,9 @@ def show(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) ->
     notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
     claimed = [one for one in diagnosis.candidates if one.claimed]
     others = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST]
+    found = diagnosis.with_cause
     print_parts(out, [
+        errors(fit_lines(diagnosis.fit, doubt=doubt_of(diagnosis.verdict)), found=fit_lines(found) if found else ()),
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
                        'Parameters of the missing effects, all fitted together'),
         explanations(diagnosis).first(NEXT_BEST),

@@ -58,7 +58,8 @@ def run(options: Namespace) -> None:
     lines = fit_lines(fit, tolerances, doubt_of(verdict))
     if options.json:
         spheres = {'spheres': spheres_json(refit)} if refit else {}
-        print_json({**evaluation_json(fit, verdict, lines), **spheres})
+        print_json({**evaluation_json(fit, verdict, lines, found.with_cause if found else None),
+                    **spheres})
     else:
         show(options, fit, found, lines)
         if refit:
@@ -73,7 +74,7 @@ def show(options: Namespace, fit: Fit, found: Finding | None, lines: Sequence[Ax
         print_card(out, found.verdict, options.run_path[0], options.model)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
-    final = found.final if found and found.missing else None
+    final = found.with_cause if found else None
     print_parts(out, [
         errors(lines, found=fit_lines(final) if final else ()), curves(fit.error_motions, NOW if final else ''),
         *([curves(final.error_motions, FOUND)] if final else []), deviations(fit),

@@ -58,8 +58,6 @@ COLUMNS = {'candidates': ('title', 'claimed', 'p', 'size', 'visible_fraction', '
 """Columns on the page of tables that are wider than paper; the others are in the files of `--tables`."""
 METHOD = 'Three-rosette method (Kniel et al., Measurement 2019)'
 NO_TOUCHES = 'Single touches are not recorded (topic touches): form of balls and lobing of the probe are not known.'
-KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'), 'angular positioning': (5, 6, 'µrad')}
-"""Columns of the six curves by kind of motion."""
 
 
 def report_html(summary: Summary, source: Source | None = None, command: str = '', overlays: Sequence[Series] = (),
@@ -223,16 +221,6 @@ def _visibility(summary: Summary) -> Figure:
     return comparison_plots.visibility(
         summary.visibilities, best.visibilities if best else (),
         (f'this order: {order_of(summary.run)}', f'recommended: {best.label}' if best else ''))
-
-
-def spans(fit: Fit) -> list[tuple[str, str, str]]:
-    """Return kind, peak to valley and its U of the error motions of a fit, of the largest curve of each kind."""
-    out = []
-    for kind, (low, high, unit) in KINDS.items():
-        line = max(fit_lines(fit)[low:high], key=lambda one: one.range)
-        digits = text.decimals(1e6 * line.expanded)
-        out.append((kind, f'{text.micro(line.range, digits)} {unit}', f'U {text.micro(line.expanded, digits)} {unit}'))
-    return out
 
 
 def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str, str]]:

@@ -14,10 +14,9 @@ from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.records import Run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, glued, micro, words_of
+from rosette_ros.presentation.formatting import MEANINGS, duration, glued, micro, words_of
 from rosette_ros.presentation.identity_words import SIMULATED
 from rosette_ros.presentation.plots.shape_plots import MOST_CURVES
-from rosette_ros.presentation.report.run_page import spans
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
@@ -63,8 +62,6 @@ class VerdictPanel:
                     marked(ui.label('').classes(name), f'verdict-{name}') for name in ('outcome', 'sentence'))
                 self._causes = widgets.Area(marked(ui.element('div'), 'verdict-causes'))
                 self._action = marked(ui.label('').classes('action'), 'verdict-action')
-                self._spans = widgets.Area(marked(ui.element('div').classes('spans').props(
-                    'role=group aria-label="Peak to valley of the largest curve of each kind"'), 'spans'))
                 with ui.element('div').classes('progress small') as self._progress:
                     ui.spinner(size='18px').props('aria-hidden=true')
                     self._step = marked(ui.label(''), 'step')
@@ -106,20 +103,10 @@ class VerdictPanel:
             one.set_visibility(bool(missing) and self._controller.session.preview is None)
             one.set_text(f'{verb} {what}')
         self._causes.show(self._show_causes, verdict)
-        self._spans.show(self._show_spans, spans(results.fit) if results.fit else [])
 
     def _show_causes(self, verdict: Verdict | None) -> None:
         if verdict and verdict.missing:
             widgets.plain_table(causes(verdict))
-
-    def _show_spans(self, every: list[tuple[str, str, str]]) -> None:
-        ui.label('Peak to valley').classes('soft')
-        for kind, size, spread in every:
-            with ui.element('span'):
-                ui.label(f'{kind}: ')
-                ui.label(size).classes('strong')
-                ui.label(f' ({spread})')
-        ui.label(f'(k = {COVERAGE_FACTOR})').classes('soft')
 
 
 class CandidatesPanel:

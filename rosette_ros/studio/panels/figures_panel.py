@@ -47,8 +47,8 @@ class FiguresPanel:
             with ui.expansion('Change of the curves', value=False).props('dense').classes('small'):
                 self._changes = Area(ui.element('div'))
         with card('Six error motions, with U (k = 2)', 'curves') as self._curves_card:
-            self._curves = Figure(430, 'Six error motions against the table angle', 'curves-figure', WIDTH)
             self._errors = Area(marked(ui.element('div').classes('small'), 'errors'))
+            self._curves = Figure(430, 'Six error motions against the table angle', 'curves-figure', WIDTH)
             with ui.expansion('Radial and tilt motion, polar', value=True).props('dense').classes('small'):
                 self._polar = Figure(250, 'Polar plots of radial and tilt motion', 'polar-figure', WIDTH)
             with ui.expansion('Ball plate', value=False).props('dense').classes('small'):
