@@ -183,7 +183,7 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     rows = dict(joint_rows(result))
     evaluation = tuple((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known'))
     names = tuple(f'{run.name}:' for run in result.solution.model.runs)  # a name stays as it is
-    unknown = [f'The readings do not tell, and the curves are free of: {rows["Not known"]}.', *(
+    unknown = [f'Cannot be measured by these runs; removed from the curves: {rows["Not known"]}.', *(
         f'{note if note.startswith(names) else note[0].upper() + note[1:]}.' for note in result.notes)]
     return _stated(inputs, identity, (*contradictions, *changed), runs, sets, conclusion_text(conclusion), evaluation,
                    unknown, tuple(dict.fromkeys(file for _, files in opened for file in files)))
@@ -253,7 +253,7 @@ def _measured(run: Run, source: Source) -> Measured:
         ('Recording', f'{source.begun} to {source.ended}, the whole log' if days else ''),
         ('Duration', text.run_duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
         ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not recorded'),
-        ('Table angles', f'at most {text.significant(1e6 * np.abs(run.angle_deviation).max())} µrad off nominal'),
+        ('Table angles', text.angle_words(run)),
         ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
         ('Notes', '; '.join(run.notes)))
     return Measured(rows[0][1], tuple(row for row in rows if row[1]), days, known, run.simulated)

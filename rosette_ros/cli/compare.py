@@ -10,7 +10,7 @@ from rich.text import Text
 
 from rosette_ros.analysis import compare, diagnose, judge, ladder
 from rosette_ros.cli.arguments import add_shared, picture_file
-from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict
+from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict, say
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.io.model_file import read_model
@@ -65,8 +65,8 @@ def show(out: Console, comparison: Comparison, verdict: Verdict) -> None:
     """Print a comparison and the verdict."""
     sigma, source = tables.noise_of(comparison.fit)
     print_verdict(out, verdict_text(verdict))
-    out.print(f'{escape(comparison_words(comparison))} Residuals are given in σ = {micrometres(sigma)}, {source}; '
-              f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
+    say(out, f'{comparison_words(comparison)} Residuals are given in σ = {micrometres(sigma)}, {source}; '
+        f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),
                       tables.worst_readings(comparison), tables.waves(comparison)])
 

@@ -18,12 +18,12 @@ def correction_table(correction: Correction) -> Table:
     values = [1e6 * line.range for line in lines]
     u = [COVERAGE_FACTOR * 1e6 * line.u_point for line in lines]
     places = [text.decimals(one) for one in u]
-    return Table('correction', 'What is taken off', (
+    return Table('correction', 'What is corrected', (
         words('error', 'error', CURVES), words('unit', 'unit', text.CURVE_UNITS),
         words('range', 'range', map(text.fixed, values, places)), words('U', 'U', map(text.fixed, u, places)),
         words('what', 'correction', [
             'not corrected' if curve not in correction.corrected else
-            'taken off, although it may be noise' if value < 2 * one else 'taken off'
+            'corrected, although it may be noise' if value < 2 * one else 'corrected'
             for curve, value, one in zip(CURVES, values, u)])),
         note=f'Range: peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve.')
 
@@ -38,10 +38,10 @@ def check_table(check: CorrectionCheck) -> Table:
         words('error', 'error', [one.curve for one in rows]), words('unit', 'unit', text.CURVE_UNITS),
         words('before', 'before', shown['before']), words('promised', 'expected', shown['promised']),
         words('after', 'after', shown['after']), words('U', 'U of a point', shown['expanded']),
-        words('gain', 'taken off', ['' if not np.isfinite(one.gain) else f'{text.percent(one.gain)}' for one in rows]),
+        words('gain', 'corrected by', ['' if not np.isfinite(one.gain) else text.percent(one.gain) for one in rows]),
         words('result', 'result', [one.result for one in rows])), levels=tuple(one.level for one in rows),
         note=f'Peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve after, with that of the correction: '
-             'noise alone spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
+             'noise spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
 
 
 def check_json(check: CorrectionCheck, run_ids: tuple[str, str]) -> Json:

@@ -142,8 +142,8 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     if fits(result) is False:
         fit += ', one model does not fit'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
-                      f'{solution.hidden.shape[1]} combinations are hidden, {solution.hidden_in_curves} of them in the '
-                      'curves, and removed from them'
+                      f'{solution.hidden.shape[1]} combinations cannot be measured, {solution.hidden_in_curves} '
+                      'of them in the curves, from which they are removed'
                       + ', with means and once-per-turn parts that are known only together' * bool(
                           solution.known_together)),
             ('Residual', f'{text.micrometres(result.rms)} rms per coordinate{fit}'),

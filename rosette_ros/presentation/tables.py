@@ -72,7 +72,7 @@ def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Tabl
     columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
                column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
                       partial(text.exact, places=4), '°',
-                      footer=('peak to valley', f'U (k={text.COVERAGE_FACTOR})')[:1 + alike])]
+                      footer=('peak to valley', f'U (k = {text.COVERAGE_FACTOR})')[:1 + alike])]
     names = text.curve_names(motions.rotation)
     for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
         digits = text.decimals(float(np.median(expanded[:, place])))
@@ -105,7 +105,7 @@ def deviations(fit: Fit) -> Table:
     parts = (('plate', 'plate', fit.plate, fit.deviation_u[0]), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
     alike = _alike(np.hstack([u for *_, u in parts]))
     columns = [column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str,
-                      footer=(f'U (k={text.COVERAGE_FACTOR})',) * alike)]
+                      footer=(f'U (k = {text.COVERAGE_FACTOR})',) * alike)]
     for key, name, values, u in parts:
         for place, axis in enumerate(AXES):
             expanded = 1e6 * text.COVERAGE_FACTOR * u[:, place]
@@ -134,7 +134,7 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         words('setting', 'when and where',
               [text.setting_words(name, setting, known) for name, setting, _, known in rows])),
         note=' '.join(
-            [*['Not determined: the readings do not tell these from other parameters of the model.'] * any(
+            [*['Not determined: cannot be told from other parameters of the model.'] * any(
                 not np.isfinite(one.u) for _, _, one, _ in rows),
              *[AMPLITUDE] * any(name.partition('(')[0] not in text.MEANINGS for name, _, _, _ in rows)]))
 
@@ -209,8 +209,8 @@ def worst_readings(comparison: Comparison) -> Table:
         *(column(f'without_{key}', name, [
             np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
                 text.fixed, places=2), unit) for key, name, unit, part in (
-            ('ct_um', 'change of ct if left out', 'µm', slice(0, 3)),
-            ('cr_urad', 'change of cr if left out', 'µrad', slice(3, 6)))),
+            ('ct_um', 'change of ct without this reading', 'µm', slice(0, 3)),
+            ('cr_urad', 'change of cr without this reading', 'µrad', slice(3, 6)))),
         column('p', text.P_NOISE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst))
 
 

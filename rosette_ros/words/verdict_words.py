@@ -14,7 +14,8 @@ from rosette_ros.core.diagnosis.verdict import (
     WrongReading,
 )
 from rosette_ros.core.number_words import micrometres, multiple, p_words
-from rosette_ros.words.effect_words import SCALES, capital, fixed, names, plain_name
+from rosette_ros.words.effect_words import SCALES, capital, fixed, names
+from rosette_ros.words.effect_words import title_of as title_of
 from rosette_ros.words.noise_words import noise_actions, noise_words
 
 HEADLINES = {
@@ -66,11 +67,6 @@ def some_titles(every: Sequence[str]) -> str:
     """Return effects by their titles, of many the first ones and how many more there are."""
     more = len(every) - MOST_TITLES
     return titles(every) if more <= 0 else f'{", ".join(map(title_of, every[:MOST_TITLES]))} and {more} more'
-
-
-def title_of(name: str) -> str:
-    """Return the plain title of an effect, its name where it has none."""
-    return plain_name(name) or name
 
 
 def unexplained_words(verdict: Verdict) -> str:
@@ -167,7 +163,7 @@ def _against_repeatability(residual: Residual) -> str:
     if known is None or p is None:
         return ''
     ratio = residual.rms / known
-    part = (f', that of its quietest part {multiple(residual.quietest * ratio)} times'
+    part = (f', {multiple(residual.quietest * ratio)} times in its quietest part'
             if residual.quietest < 0.5 else '')
     return (f'the residual of {micrometres(residual.rms)} is {multiple(ratio)} times the stated repeatability of '
             f'{micrometres(known)}{part} ({p_words(p)}) and shows no structure')
@@ -195,7 +191,7 @@ def _actions(verdict: Verdict) -> list[str]:
             f'{title_of(name)} ({micrometres(rms)} rms)' for name, rms in verdict.present))
     out += noise_actions(verdict.noise)
     if verdict.not_needed:
-        out.append(f'remove {titles(verdict.not_needed)} from the model: the error does not rise without it by more '
+        out.append(f'remove {titles(verdict.not_needed)} from the model: without it the error rises by no more '
                    'than chance')
     if not verdict.has_motions:
         out.append('add the error motions of the table to the model')

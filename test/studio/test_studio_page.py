@@ -204,7 +204,7 @@ def test_a_second_run_is_uploaded_laid_over_and_checked(page, studio, second):
     expect(page.get_by_test_id('overlay-result')).to_contain_text('with U (k = 2) of both runs')
     page.get_by_text('Check on a second run').click()
     page.get_by_test_id('check-go').click()
-    expect(page.get_by_test_id('check-result')).to_contain_text('frame_drift is confirmed')
+    expect(page.get_by_test_id('check-result')).to_contain_text('Drift of the probe relative to the table is confirmed')
 
 
 def test_a_run_is_opened_by_its_path_and_another_is_chosen(shared_page, second):

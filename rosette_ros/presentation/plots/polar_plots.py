@@ -60,7 +60,7 @@ def _panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: s
                          color=style.BEFORE, linewidth=1.1, linestyle=style.DASHED)
     length = scale_arrow(top)
     panel.plot([-1.8, -1.8 + per_unit * length], [-2.05, -2.05], color=style.INK, linewidth=1.4, marker='|')
-    words = f'range {fixed(1e6 * line.range, 2)}, rest {fixed(1e6 * line.residual, 2)} {unit}'
+    words = f'range {fixed(1e6 * line.range, 2)}, residual {fixed(1e6 * line.residual, 2)} {unit}'
     for x, y, text in ((-1.65 + per_unit * length, -2.05, f'{length:g} {unit}'), (-1.9, -2.42, words)):
         panel.text(x, y, text, ha='left', va='center', fontsize=style.SMALL, color=style.INK)
     panel.set(xlim=(-2.15, 2.15), ylim=(-2.55, 1.9), aspect='equal')

@@ -188,7 +188,7 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
         where = np.linspace(edges[0], edges[-1], 241)
         density = np.exp(-0.5 * (where / shown)**2) / (shown * np.sqrt(2 * np.pi))
         panel.plot(where, size * width * density, color=style.INK, linewidth=1.4, linestyle=':',
-                   label=f'noise alone, σ = {fixed(spread, 3)} µm')
+                   label=f'expected of noise, σ = {fixed(spread, 3)} µm')
     panel.set(xlim=(edges[0], edges[-1]), xlabel='residual of a coordinate in µm',
               ylabel='number of coordinates')
     style.scale(panel, grid='y', steps=(8, 4))
@@ -226,8 +226,9 @@ def spectrum_maps(rows: Sequence[SpectrumRow], noise: float | None = None) -> Fi
         style.colour_bar(made.add_axes((0.965, bottom, 0.014, WAVES / height)), 0, limit, 'µm', True, 'cividis')
     if noise is not None:
         n = len(rows[0].spectrum.waves)
-        made.text(0.995, 0.004, f'noise alone: about {1e6 * noise / n:.2g} µm in z, {1e6 * noise * np.sqrt(2) / n:.2g} '
-                  'µm in x and y; hatched: absorbed by the base model', ha='right', va='bottom', **SMALL)
+        made.text(0.995, 0.004, f'expected of noise: about {1e6 * noise / n:.2g} µm in z, '
+                  f'{1e6 * noise * np.sqrt(2) / n:.2g} µm in x and y; hatched: absorbed by the base model',
+                  ha='right', va='bottom', **SMALL)
     return made
 
 

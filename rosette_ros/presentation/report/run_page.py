@@ -237,7 +237,7 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
-            ('Table angles', f'at most {text.significant(1e6 * np.abs(run.angle_deviation).max())} µrad off nominal'),
+            ('Table angles', text.angle_words(run)),
             ('Uncertainties', text.uncertainty_words(fit)), ('Model', text.model_words(fit.model)),
             ('Model with the cause found', text.model_words(summary.found.model) if summary.found else ''),
             *(('Data', f'{Path(file.path).name}, SHA-256 {file.sha256[:16]}…')

@@ -39,7 +39,7 @@ ROLES = (('(i) all corrected', ()), ('(ii) plate turned', ()), ('(iii) CMM corre
 PAPER = (0.02e-6, 0.2e-6)
 """Reproducibility that the paper states for translations, m, and rotations, rad."""
 SURE = 0.001
-"""Runs of a smaller p (noise alone) differ."""
+"""Runs differ where noise makes such differences with a smaller probability."""
 MAKER_COLUMNS = ('table_angle_deg', 'ctz_um', 'crz_urad')
 LARGEST_FILE = 10_000_000
 DIGITS = tuple(3 if unit == 'µm' else 2 for unit in text.CURVE_UNITS)
@@ -272,7 +272,7 @@ def _bars(verification: Verification) -> list[tuple[str, list[tuple[str, float, 
     groups = []
     for place, (heading, unit, digits) in enumerate((('Translations', 'µm', 3), ('Rotations', 'µrad', 2))):
         values = (('Reproducibility of these runs', verification.overall[place], 'after'),
-                  ('Noise alone', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
+                  ('Expected of noise', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
         groups.append((f'{heading}, {unit}', [
             (label, value, f'{text.fixed(1e6 * value, digits)} {unit}', kind) for label, value, kind in values]))
     return groups
@@ -294,7 +294,7 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
     """Return the tables of a verification: reproducibility, conditions of the runs, their curves."""
     sizes = np.nanmax(np.abs(verification.differences), axis=(0, 1))
     rows = (('reproducibility', 'these runs', verification.reproducibility),
-            ('expected', 'noise alone', verification.expected), ('paper', 'the paper', np.repeat(PAPER, 3)),
+            ('expected', 'expected of noise', verification.expected), ('paper', 'the paper', np.repeat(PAPER, 3)),
             ('largest_difference', 'largest difference to the mean', sizes))
     reproducibility = Table('reproducibility', 'Reproducibility of each curve: standard deviation over the runs', (
         words('curve', 'curve', text.curve_names(verification.rotation)),

@@ -92,8 +92,8 @@ class ArchivePanel:
             view, questions = map(importlib.import_module, (
                 'rosette_ros.studio.archive_view', 'rosette_ros.archive.archive_questions'))
         except ImportError as error:
-            self._fail(InvalidData(f'archive: wanted the Python package {error.name}, got none; pip install '
-                                   'distributed duckdb fsspec pyarrow'))
+            self._fail(InvalidData(f'archive: wanted the Python package {error.name}, got none; install '
+                                   'distributed, duckdb, fsspec and pyarrow'))
             return
         equal = {'table': self._table.value} if self._runs and self._table.value else {}
         question = questions.Question(equal, self._since.value.strip(), self._until.value.strip(),

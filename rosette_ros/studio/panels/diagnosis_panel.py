@@ -130,7 +130,7 @@ class CandidatesPanel:
 
     def _explain(self) -> None:
         effect = MEANINGS.get(self._other.value or '')
-        self._meaning.set_text(f'{effect.meaning} Look at: {effect.look}' if effect else '')
+        self._meaning.set_text(f'{effect.meaning} Check: {effect.look}' if effect else '')
 
     def show(self, _: OpenedRun) -> None:
         """Show the candidates."""

@@ -7,7 +7,7 @@ from typing import TypeVar
 from nicegui import background_tasks, run, ui
 from nicegui.events import ClickEventArguments, GenericEventArguments, Handler
 
-from rosette_ros.presentation.formatting import plain_name
+from rosette_ros.presentation.formatting import glued, plain_name
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.studio.figures import PlotlyFigure
 
@@ -115,7 +115,7 @@ def fact_list(table: Table) -> None:
         for column, text in zip(table.shown, table.rows[0], strict=True):
             if text:
                 ui.label(column.head)
-                ui.label(text)
+                ui.label(glued(text))
 
 
 def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
@@ -131,7 +131,7 @@ def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
                         ui.icon(icons[place - 1] if tag == 'td' else '').props('aria-hidden=true')
                 for column, text in zip(table.shown, row, strict=True):
                     with ui.element(tag).classes('number' if column.number else ''):
-                        ui.label(text)
+                        ui.label(glued(text))
 
 
 class Figure:
