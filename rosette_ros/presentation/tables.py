@@ -209,8 +209,8 @@ def worst_readings(comparison: Comparison) -> Table:
         *(column(f'without_{key}', name, [
             np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
                 text.fixed, places=2), unit) for key, name, unit, part in (
-            ('ct_um', 'change of ct without this reading', 'µm', slice(0, 3)),
-            ('cr_urad', 'change of cr without this reading', 'µrad', slice(3, 6)))),
+            ('ct_um', 'change of ct if left out', 'µm', slice(0, 3)),
+            ('cr_urad', 'change of cr if left out', 'µrad', slice(3, 6)))),
         column('p', text.P_NOISE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst))
 
 
