@@ -10,6 +10,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI, nominal_angles
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation.plots.plot_style import save
+from rosette_ros.presentation.plots.polar_plots import polar_motions
 from rosette_ros.presentation.plots.result_plots import Series, deviations, freed_plate, six_curves
 
 N = 8
@@ -100,6 +101,18 @@ def test_truth_and_several_runs_have_their_own_look_and_legend(motions):
     assert first.get_marker() != second.get_marker()
     red, green, blue, _ = legend.legend_handles[-1].get_facecolor()
     assert red == green == blue, 'the bands of all runs, not that of the first'
+
+
+def test_polar_plots_have_the_reference_circle(motions):
+    """Its centre is the once-per-turn part, its radius that of the circle of no deviation and the mean."""
+    wave = np.cos(motions.angle - 0.5)
+    panel = polar_motions(replace(motions, values=motions.values * 0 + 1e-6 * (1 + 2 * wave)[:, None])).axes[0]
+    [circle] = [line for line in panel.lines if line.get_linestyle() == '--']
+    [base] = [line for line in panel.lines if line.get_linewidth() == 0.9]
+    x, y = circle.get_data()
+    centre = np.array([(x.max() + x.min()) / 2, (y.max() + y.min()) / 2])
+    assert np.arctan2(*centre[::-1]) == pytest.approx(0.5, abs=0.01)
+    assert 2 * (np.ptp(x) / 2 - np.ptp(base.get_xdata()) / 2) == pytest.approx(np.hypot(*centre), rel=0.01)
 
 
 @pytest.mark.parametrize(('ending', 'begin'), [('png', b'\x89PNG'), ('svg', b'<?xml')])

@@ -163,7 +163,7 @@ class ArchivePanel:
             raise InvalidData('wanted one table to be chosen, got several in the list')
         view = importlib.import_module('rosette_ros.studio.archive_view')
         folder, model = self._folder.value.strip(), self._runs.model
-        trend: TableTrend = await self._controller.archivist.run(view.table_trend, folder, table, model)
+        trend: TableTrend = await self._controller.ask('trend', view.table_trend, folder, table, model)
         self._trend, history = trend, trend.history
         self._draw(f'Table {table or "without serial number"}: the six errors over time, with U (k = 2); shaded: '
                    'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,

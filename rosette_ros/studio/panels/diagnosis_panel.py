@@ -16,8 +16,7 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.presentation.formatting import MEANINGS, duration, glued, micro, words_of
 from rosette_ros.presentation.identity_words import SIMULATED
-from rosette_ros.presentation.plots.shape_plots import MOST_CURVES
-from rosette_ros.studio import figures
+from rosette_ros.presentation.plots.shape_plots import shapes
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row
@@ -191,8 +190,7 @@ class CandidatesPanel:
 def _draw(shape: Shape) -> None:
     """Show what was recovered of a shape, with its band, beside the claim."""
     words = f'What is recovered against {shape.variable}' + (', beside the claim' if shape.claim else '')
-    widgets.Figure(90 + 120 * min(len(shape.curves), MOST_CURVES), words, 'shape-figure').draw(
-        (shape,), figures.shape_figure, shape)
+    widgets.Figure(0, words, 'shape-figure').draw((shape,), shapes, [shape])
 
 
 class CrossCheckPanel:

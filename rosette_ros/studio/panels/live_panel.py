@@ -19,12 +19,11 @@ from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress, phase_name
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE, SEQUENCER
 from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.figures import Curves, curves_figure, filling_figure
+from rosette_ros.studio.figures import Curves, curves_figure, filling_figure, plan_view_figure
 from rosette_ros.studio.live_state import Fault, Health, NodeHealth
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row
-from rosette_ros.studio.round_figures import plan_view_figure
 
 if TYPE_CHECKING:
     from rosette_ros.studio.cell_watcher import CellWatcher
