@@ -6,8 +6,7 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.presentation.formatting import MEANINGS, before_after, fixed
 from rosette_ros.presentation.table_format import Column, Table, column, words
-from rosette_ros.words.cause_words import does_words
-from rosette_ros.words.verdict_words import chance, title_of
+from rosette_ros.words.verdict_words import chance, does_words, title_of
 
 
 def causes(verdict: Verdict) -> Table:

@@ -10,8 +10,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI, nominal_angles
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation.plots.plot_style import save
-from rosette_ros.presentation.plots.polar_plots import polar_motions
-from rosette_ros.presentation.plots.result_plots import Series, deviations, freed_plate, six_curves
+from rosette_ros.presentation.plots.result_plots import Series, deviations, freed_plate, polar_motions, six_curves
 
 N = 8
 ISO = {'ctx': 'EXC', 'cty': 'EYC', 'ctz': 'EZC', 'crx': 'EAC', 'cry': 'EBC', 'crz': 'ECC'}

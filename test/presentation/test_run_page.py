@@ -99,7 +99,8 @@ def test_conditions_hold_what_is_needed_to_repeat_the_report(tmp_path):
     texts = Page(page).texts
     text = (texts['measured'] + texts['conditions']).replace('\u00a0', ' ')
     for words in (hashlib.sha256(path.read_bytes()).hexdigest(), '8 balls on R = 182.5 mm', 'random',
-                  'degrees of freedom', '°C at the start', 'off nominal', 'schema: rosette-model/1', '- frame_drift',
+                  'degrees of freedom', '°C at the start', 'Table anglesnominal', 'schema: rosette-model/1',
+                  '- frame_drift',
                   'rosette report run.csv', 'numpy ', 'scipy ', 'Python ', 'rosette_ros '):
         assert words in text
 

@@ -9,9 +9,8 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.presentation.formatting import glued
-from rosette_ros.words.cause_words import MOVES, does_words
 from rosette_ros.words.effect_words import between_words
-from rosette_ros.words.verdict_words import chance, unexplained_words, unnamed_words, verdict_text
+from rosette_ros.words.verdict_words import MOVES, chance, does_words, unexplained_words, unnamed_words, verdict_text
 
 PACKAGE = Path(__file__).parents[2] / 'rosette_ros'
 PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'observable share', 'searched values', 'Judged is',

@@ -35,9 +35,8 @@ from rosette_ros.presentation.plots import (
     touch_plots,
 )
 from rosette_ros.presentation.plots.budget_plots import budget_bars
-from rosette_ros.presentation.plots.polar_plots import polar_motions
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
-from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
+from rosette_ros.presentation.plots.result_plots import Series, deviations, polar_motions, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
 from rosette_ros.presentation.table_format import Table

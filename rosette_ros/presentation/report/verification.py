@@ -203,13 +203,13 @@ def read_maker(path: Path | str) -> MakerTable:
     if not rows or tuple(rows[0]) != MAKER_COLUMNS:
         raise InvalidData(f'{path}: row 1: wanted the columns {",".join(MAKER_COLUMNS)}, got '
                           f'{",".join(rows[0]) if rows else "an empty file"!r:.80}')
-    numbers = np.array([_numbers(row, path, place) for place, row in enumerate(rows[1:], 2)]).reshape(-1, 3)
+    numbers = np.array([_row_numbers(row, path, place) for place, row in enumerate(rows[1:], 2)]).reshape(-1, 3)
     if len(numbers) < 3:
         raise InvalidData(f'{path}: wanted at least 3 rows of corrections, got {len(numbers)}')
     return MakerTable(np.deg2rad(numbers[:, 0]), 1e-6 * numbers[:, 1], 1e-6 * numbers[:, 2])
 
 
-def _numbers(row: list[str], path: Path | str, place: int) -> list[float]:
+def _row_numbers(row: list[str], path: Path | str, place: int) -> list[float]:
     try:
         numbers = [float(cell) for cell in row]
     except ValueError:

@@ -147,7 +147,7 @@ class ArchivePanel:
         view = importlib.import_module('rosette_ros.studio.archive_view')
         curves: list[tuple[str, ErrorMotions]] = await asyncio.to_thread(
             view.curves_of, self._folder.value.strip(), keys, self._runs.model)
-        curves = view.differences(curves) if less_first else curves
+        curves = view.less_earliest(curves) if less_first else curves
         drawn = [Curves(name, motions, COLOURS[place % len(COLOURS)]) for place, (name, motions) in enumerate(curves)]
         words = 'Six error motions less those of the earliest run' if less_first else 'Six error motions'
         self._trend = None

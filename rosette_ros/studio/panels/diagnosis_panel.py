@@ -158,7 +158,7 @@ class CandidatesPanel:
         for place, shape in enumerate(shape for shape in diagnosis.recovered if not shape.claim):
             with marked(ui.element('article').classes('candidate claimed'), f'shape-{place}'):
                 ui.label(f'No name: {shape.words}.').classes('small')
-                _draw(shape)
+                _draw_shape(shape)
         if others:
             with ui.expansion('The next best').props('dense').classes('small'), \
                     ui.element('div').classes('list'):
@@ -179,7 +179,7 @@ class CandidatesPanel:
                 ui.label(MEANINGS[one.effect].meaning).classes('small')
             widgets.fact_list(tables.candidates([one], run).select(*columns))
             for shape in shapes:
-                _draw(shape)
+                _draw_shape(shape)
             with row():
                 button('Preview', lambda: apply(self._on_preview, one), 'visibility', f'preview-{one.effect}',
                        hint=f'Show what adding {one.effect} would change')
@@ -187,7 +187,7 @@ class CandidatesPanel:
                        hint=f'Add {one.effect} to the model')
 
 
-def _draw(shape: Shape) -> None:
+def _draw_shape(shape: Shape) -> None:
     """Show what was recovered of a shape, with its band, beside the claim."""
     words = f'What is recovered against {shape.variable}' + (', beside the claim' if shape.claim else '')
     widgets.Figure(0, words, 'shape-figure').draw((shape,), shapes, [shape])

@@ -15,8 +15,7 @@ from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.formatting import FOUND, NOW, words_of
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
-from rosette_ros.presentation.plots.polar_plots import polar_motions
-from rosette_ros.presentation.plots.result_plots import deviations
+from rosette_ros.presentation.plots.result_plots import deviations, polar_motions
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller

@@ -147,14 +147,14 @@ def _fill_overlay(every: dict[str, ErrorMotions] | None) -> None:
         return
     (first, motions), *others = every.items()
     looks = [(COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)]) for place in range(len(every))]
-    _draw('Six error motions of all runs, with U (k = 2)', [
+    _draw_curves('Six error motions of all runs, with U (k = 2)', [
         Curves(name, one, *look) for (name, one), look in zip(every.items(), looks, strict=True)], 'overlay-figure')
     found = {name: less for name, one in others if (less := difference(one, motions)) is not None}
     for name, _ in others:
         if name not in found:
             ui.label(f'{name}: measured at other table angles; no differences.')
     if found:
-        _draw(f'Differences: each run less {first}, with U (k = 2) of both', [
+        _draw_curves(f'Differences: each run less {first}, with U (k = 2) of both', [
             Curves(name, found[name], *look) for (name, _), look in zip(others, looks[1:], strict=True)
             if name in found], 'overlay-differences')
         table = differences(found)
@@ -177,14 +177,14 @@ def _fill_joint(result: JointResult | None) -> None:
         ui.label(table.title).classes('title')
         plain_table(table)
         ui.label(table.note).classes('soft')
-    _draw('Six error motions of all runs, with U (k = 2)', [
+    _draw_curves('Six error motions of all runs, with U (k = 2)', [
         Curves(one.words, motions, COLOURS[place % len(COLOURS)])
         for place, (one, motions) in enumerate(result.curves)])
     for one, means in zip(result.reversals, reversal_means(result), strict=True):
-        _draw('Reversal: counter-clockwise less clockwise', [Curves('reversal', one.motions, COLOURS[0])])
+        _draw_curves('Reversal: counter-clockwise less clockwise', [Curves('reversal', one.motions, COLOURS[0])])
         plain_table(means)
 
 
-def _draw(words: str, curves: Sequence[Curves], mark: str = '') -> None:
+def _draw_curves(words: str, curves: Sequence[Curves], mark: str = '') -> None:
     ui.label(words).classes('title')
     widgets.Figure(430, words, mark, WIDTH).draw((words,), curves_figure, curves)

@@ -144,7 +144,7 @@ def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
                         ui.label(glued(text))
 
 
-def _drawn(make: Callable[..., object], arguments: tuple[object, ...], name: str) -> object:
+def _content_of(make: Callable[..., object], arguments: tuple[object, ...], name: str) -> object:
     """Return what make(*arguments) draws: Plotly's figure, or one of the report as SVG whose ids begin with a name."""
     with DRAWING:
         made = make(*arguments)
@@ -181,7 +181,7 @@ class Figure:
         self._clicked = clicked
 
     async def _draw(self, make: Callable[..., PlotlyFigure | Picture], arguments: tuple[object, ...]) -> None:
-        content: Any = await run.io_bound(_drawn, make, arguments, f'figure{id(self)}')
+        content: Any = await run.io_bound(_content_of, make, arguments, f'figure{id(self)}')
         if content is None or self._place.is_deleted:  # the server, or the page, ends
             return
         if isinstance(content, str):
