@@ -45,7 +45,8 @@ P_NOISE, CROSS_VALIDATION, VISIBLE, LIMIT = (
 """Terms that every interface uses in the same words."""
 NOW, FOUND = 'as modelled now', 'with the cause found'
 """The two models of a run whose verdict says that a cause is missing."""
-_GLUED = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ|→))|(?<=[±→=]) (?=[\d−])|(?<=[kR]) (?==)')
+_GLUED = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ|→))|(?<=[±→=]) (?=[\d−])|(?<=[kR]) (?==)|'
+                    r'(?<=\)) (?=/)|(?<=/) (?=µ)')
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MOST_MISSING = 5

@@ -227,7 +227,7 @@ def polar_motions(motions: ErrorMotions) -> Figure:
 
     The reference circle is the least-squares one: its offset from the centre is the once-per-turn part of the error,
     the distance of the curve from it the rest."""
-    made, handles = style.figure(2.3), list[Any]()
+    made, handles = style.figure(2.45), list[Any]()
     lines = {line.curve: line for line in error_lines(motions)}
     for place, curve in enumerate(POLAR):
         panel = made.add_axes((0.005 + 0.25 * place, 0.12, 0.24, 0.8))
@@ -263,9 +263,10 @@ def _polar_panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, u
                          color=style.BEFORE, linewidth=1.1, linestyle=style.DASHED)
     length = scale_arrow(top)
     panel.plot([-1.8, -1.8 + per_unit * length], [-2.05, -2.05], color=style.INK, linewidth=1.4, marker='|')
-    words = f'range {fixed(1e6 * line.range, 2)}, residual {fixed(1e6 * line.residual, 2)} {unit}'
-    for x, y, text in ((-1.65 + per_unit * length, -2.05, f'{length:g} {unit}'), (-1.9, -2.42, words)):
+    for x, y, text in ((-1.65 + per_unit * length, -2.05, f'{length:g} {unit}'),
+                       (-1.9, -2.42, f'range {fixed(1e6 * line.range, 2)} {unit}'),
+                       (-1.9, -2.84, f'residual {fixed(1e6 * line.residual, 2)} {unit}')):
         panel.text(x, y, text, ha='left', va='center', fontsize=style.SMALL, color=style.INK)
-    panel.set(xlim=(-2.15, 2.15), ylim=(-2.55, 1.9), aspect='equal')
+    panel.set(xlim=(-2.15, 2.15), ylim=(-2.97, 1.9), aspect='equal')
     panel.axis('off')
     return [curve, band, base, circle]
