@@ -151,7 +151,7 @@ def test_every_interface_shows_the_same_numbers(kind, tmp_path, capsys):
                     np.testing.assert_allclose(curves[key], fit.error_motions.values[:, place], atol=1e-15)
                     np.testing.assert_allclose(curves['U'][key], 2 * fit.error_motions.u[:, place], rtol=1e-9)
     page = ' '.join(re.sub(r'<[^>]*>', ' ', unescape(report_html(summary))).split())
-    labels = ' '.join(studio_words(open_run(path)))
+    labels = ' '.join(' '.join(studio_words(open_run(path))).split())
     assert all(' '.join(row) in page and ' '.join(row) in labels for row in shown.rows)
 
 
