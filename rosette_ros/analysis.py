@@ -170,7 +170,7 @@ class Summary:
     @property
     def found(self) -> Fit | None:
         """The Fit with the cause found; None where nothing that has a name is missing."""
-        return self.final if self.diagnosis.missing else None
+        return self.diagnosis.with_cause
 
     @property
     def verdict(self) -> Verdict:

@@ -3,25 +3,34 @@
 
 import asyncio
 import json
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from html import unescape
+from unittest import mock
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from nicegui import Client
+from nicegui.page import page as page_of
 
 from rosette_ros.analysis import Verdict, analyse, diagnose, judge, summarise
 from rosette_ros.cli.main import main
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
+from rosette_ros.core.error_summary import fit_lines
 from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.records import SI_UNITS
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.open_run import open_run
 from rosette_ros.nodes.conversions import diagnosis_message
+from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.report.run_page import report_html
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.controller import Controller
+from rosette_ros.studio.panels.figures_panel import FiguresPanel
+from rosette_ros.studio.panels.widgets import Figure
 from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_text
 
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
@@ -119,6 +128,44 @@ def test_the_report_states_the_verdict(kind):
         text = verdict_text(verdict)
         assert text.sentence in unescape(page) and text.action in page
         assert f'>{MARKS[verdict.level]}</span> {HEADLINES[verdict.outcome]}' in page
+
+
+@pytest.mark.parametrize('kind', ['clean', 'hidden effect', 'incomplete'])
+def test_every_interface_shows_the_same_numbers(kind, tmp_path, capsys):
+    """Six errors and curves with U as modelled now and, where a cause is missing, with it: verbs, report, studio."""
+    path = tmp_path / 'run.csv'
+    write_csv(KINDS[kind][0](6, 1), path)
+    summary = summarise(open_run(path))
+    fits = {'': summary.fit, **({'with_cause_found': summary.found} if summary.found else {})}
+    assert (len(fits) == 2) == (kind == 'hidden effect')
+    table = errors(summary.lines(), found=fit_lines(summary.found) if summary.found else ())
+    shown = table.select('error', 'range_in_unit', 'U_range_in_unit', 'found_range_in_unit', 'U_found_range_in_unit')
+    assert len(shown.columns) == 1 + 2 * len(fits)
+    for verb, found in verbs(path, capsys):
+        if verb != 'compare' and isinstance(found, str):
+            assert all(f' {" ".join(row)} ' in found for row in shown.rows), verb
+        elif verb != 'compare':
+            assert (found['with_cause_found'] is None) == (len(fits) == 1), verb
+            for name, fit in fits.items():
+                curves = found[name] if name else found
+                for place, (curve, unit) in enumerate(SI_UNITS.items()):
+                    key = f'{curve}_{unit}'
+                    np.testing.assert_allclose(curves[key], fit.error_motions.values[:, place], atol=1e-15)
+                    np.testing.assert_allclose(curves['U'][key], 2 * fit.error_motions.u[:, place], rtol=1e-9)
+    page = ' '.join(re.sub(r'<[^>]*>', ' ', unescape(report_html(summary))).split())
+    labels = ' '.join(' '.join(studio_words(open_run(path))).split())
+    assert all(' '.join(row) in page and ' '.join(row) in labels for row in shown.rows)
+
+
+def studio_words(run):
+    """Return the texts of the studio's panel of figures, in order."""
+    controller = Controller()
+    controller.act(controller.session.open, run, 'run.csv')
+    with ThreadPoolExecutor(1) as threads:
+        threads.submit(asyncio.run, controller.refresh()).result()
+    with Client(page_of('/numbers')) as client, mock.patch.object(Figure, 'draw'):
+        FiguresPanel(controller, print, print).show(controller.session.current)
+    return [element.text for element in client.elements.values() if getattr(element, 'text', '')]
 
 
 def test_what_cannot_be_determined_is_refused_in_one_sentence(tmp_path, capsys):

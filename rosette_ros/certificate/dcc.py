@@ -165,7 +165,7 @@ def _result(one: Certificate, curves: CurveSet) -> Element:
         _dcc('influenceConditions', *(condition for run in one.runs for condition in _conditions(run))),
         _dcc('results', _curves(curves), _dcc(
             'result', _named('the six errors after ISO 230-7'), _dcc('data', *(
-                _error(line, curves.probability) for line in curves.lines)),
+                _error(line, curves.probability, one.beside_conformity) for line in curves.lines)),
             refType='rosette_iso_230_7'), *([_budget(one.budget)] if one.budget else [])),
         _dcc('measurementMetaData', *(_dcc('metaData', _named(name), _rich('declaration', words))
                                       for name, words in one.evaluation),
@@ -196,8 +196,8 @@ def _curves(curves: CurveSet) -> Element:
                 _dcc('data', _dcc('list', *listed)), refType='rosette_curves')
 
 
-def _error(line: AxisError, probability: float) -> Element:
-    """Return one error as a list of quantities, with its conformity; probability: of U."""
+def _error(line: AxisError, probability: float, beside: str) -> Element:
+    """Return one error as a list of quantities, with its conformity; probability: of U; beside: said with it."""
     unit = MICRO[f'µ{SI_UNITS[line.curve]}']
 
     def quantity(name: str, key: str, value: float | None, expanded: float | None = None) -> list[Element]:
@@ -211,7 +211,7 @@ def _error(line: AxisError, probability: float) -> Element:
         limit = _quantity('tolerance of the range', f'rosette_{line.curve}_tolerance', float(f'{stated:.15g}'), unit)
         ranged[0].append(_dcc('measurementMetaData', _dcc(
             'metaData', _named('conformity'), _dcc('norm', 'ISO 14253-1'), _rich('declaration', '. '.join(filter(None, (
-                f'{line.conformity}: {DECISION_RULE}', line.doubt)))),
+                f'{line.conformity}: {DECISION_RULE}', line.doubt, beside)))),
             _dcc('conformity', STATUS.get(line.conformity, within)), _dcc('data', limit))))
     return _dcc('list', _named(f'{line.curve} ({line.name})'), *ranged,
                 *quantity('once-per-turn (fundamental) part, peak to valley', 'once_per_turn', line.once_per_turn),

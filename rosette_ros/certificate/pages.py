@@ -21,7 +21,7 @@ from reportlab.pdfbase import pdfmetrics
 from reportlab.pdfbase.ttfonts import TTFont
 from reportlab.platypus import Flowable, KeepTogether, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle
 
-from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, Measured
+from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, CurveSet, Measured
 from rosette_ros.core.error_summary import Conformity
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.records import CURVES
@@ -29,10 +29,11 @@ from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES
 from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions
-from rosette_ros.presentation.formatting import CURVE_UNITS
+from rosette_ros.presentation.formatting import CURVE_UNITS, glued
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, contact, signer
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
+from rosette_ros.presentation.tables import curves as values_of
 
 PLAIN, BOLD = 'DejaVu Sans', 'DejaVu Sans Bold'
 SIZE, HEAD, TITLE = 8.0, 9.5, 15.0
@@ -41,8 +42,8 @@ SIDE, TOP, FOOT, PADDING = 16 * mm, 17 * mm, 15 * mm, 6
 WIDTH = A4[0] - 2 * SIDE
 INK, SOFT, LINE, RED = (colors.HexColor(one) for one in ('#000000', '#555555', '#bbbbbb', '#a33c00'))
 COLOURS = {Conformity.CONFORMS: '#00694b', Conformity.FAILS: '#a33c00', Conformity.UNDECIDED: '#8a5a00'}
-SHOWN = ('error', 'unit', 'range_in_unit', 'U_range_in_unit', 'once_per_turn_in_unit', 'residual_in_unit',
-         'asynchronous_in_unit', 'tolerance_in_unit', 'conformity')
+SHOWN = ('error', 'range_in_unit', 'U_range_in_unit', 'once_per_turn_in_unit', 'residual_in_unit',
+         'asynchronous_in_unit', 'U_asynchronous_in_unit', 'tolerance_in_unit', 'conformity')
 NEGLIGIBLE = 0.05
 """A contribution below this share of u in each curve is named beneath the table of the budget, not a row of it."""
 WIDTHS = (1.0, 0.92, 0.85)
@@ -71,10 +72,9 @@ def to_pdf(certificate: Certificate, data: bytes, name: str) -> bytes:
     _fonts()
     figures = [six_curves([Series(one.words, one.motions)], '' if len(certificate.sets) == 1 else one.words)
                for one in certificate.sets]
-    for share in WIDTHS:
-        _, _, pages = _built(certificate, figures, share, 0)
-        if pages <= 1 + len(figures):
-            break
+    tried = {share: _built(certificate, figures, share, 0)[2] for share in WIDTHS}
+    share = next((share for share, pages in tried.items() if pages <= 1 + len(figures)), WIDTHS[0])
+    pages = tried[share]
     data_of_pages, places, _ = _built(certificate, figures, share, pages)
     writer = PdfWriter(clone_from=io.BytesIO(data_of_pages))
     for figure, place in zip(figures, places, strict=True):
@@ -157,9 +157,7 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
     flowables += [_heading('Result: the six errors of the table, ISO 230-7'), _words(f'<b>{_text(one.judgement)}</b>'),
                   Spacer(1, 1 * mm)]
     for curves in one.sets:
-        table = error_results.errors(curves.lines)
-        known = {column.key for column in table.columns}
-        table = table.select(*(key for key in SHOWN if key in known))
+        table = error_results.errors(curves.lines).select(*SHOWN)
         if len(one.sets) > 1:
             flowables += [_words(f'<b>{_text(curves.words)}</b>')]
         flowables += [_grid([tuple(column.head for column in table.shown), *(
@@ -167,20 +165,22 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
             for row, line in zip(table.rows, curves.lines, strict=True))], _shares(table.shown),
             [place for place, column in enumerate(table.shown) if column.number])]
     note = error_results.errors([line for curves in one.sets for line in curves.lines]).note
-    flowables += [Spacer(1, 1 * mm), _words(_text(note), soft=True)]
+    flowables += [Spacer(1, 1 * mm), *([_words(f'<b>{_text(one.beside_conformity)}</b>')] * one.is_limited),
+                  _words(_text(note), soft=True)]
     if words := identity['certificate.remarks']:
         flowables += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
     if one.budget:
         flowables += _budget(one.budget)
-    flowables += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places]
+    flowables += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places,
+                  *map(_values, one.sets)]
     flowables += [_heading('What is not known'), *_bullets(one.unknown)]
     if one.missing:
         flowables += [_heading('Not stated by the laboratory'), _words(_text(', '.join(one.missing)))]
     flowables += [_heading('Data and software'), *_bullets(
         [*(f'{file.path}: SHA-256 {file.sha256}' for file in one.files),
          ', '.join(f'{name} {version}' for name, version in one.inputs.programs if version[:1].isdigit()),
-         'The digital certificate (DCC, XML) is attached to this file; it counts, these pages are for reading. It has '
-         'the curves in numbers and can be verified against the run.'])]
+         'The digital certificate (DCC, XML) is attached to this file; it counts, these pages are for reading. It can '
+         'be verified against the run.'])]
     return [*flowables, _signature(one)]
 
 
@@ -197,6 +197,15 @@ def _budget(made: Budget) -> Iterable[Any]:
     yield KeepTogether([_heading('Uncertainty budget (GUM)'), grid, Spacer(1, 1 * mm)])
     note = ' '.join(filter(None, (table.note, less, 'Not considered:', *made.open)))
     yield _words(f'<b>Budget</b>: {_text(note)}', soft=True)
+
+
+def _values(curves: CurveSet) -> Any:
+    """Return six curves in numbers, with U."""
+    table = values_of(curves.motions)
+    return _grid([[column.head for column in table.shown], *(
+        tuple(_text(cell.replace('\n', ' ')) for cell in row) for row in table.rows), *(
+        tuple(f'<b>{_text(cell)}</b>' for cell in row) for row in table.footer)],
+        _shares(table.shown), range(len(table.shown)))
 
 
 def _measured(runs: Sequence[Measured]) -> Iterable[tuple[str, str]]:
@@ -242,7 +251,7 @@ def _known(words: str) -> str:
 
 
 def _text(words: str) -> str:
-    return escape(_known(words), quote=False)
+    return escape(glued(_known(words)), quote=False)
 
 
 def _words(markup: str, size: float = SIZE, font: str = PLAIN, soft: bool = False, alignment: int = 0) -> Paragraph:

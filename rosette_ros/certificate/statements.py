@@ -41,10 +41,10 @@ DAY = datetime.timedelta(1)
 """Dates of a log are UTC, those of an identity local: so much they may differ."""
 NEEDED = ('certificate.number', 'laboratory.country')
 """Entries without which there is no document."""
-CONTENT_OF_U = ('U (k = 2, about {share}) contains the scatter of the readings and the uncertainty of the effects in '
-                'the model; it does not contain effects that are not in the model, nor the scale of the CMM.')
-OF_BUDGET = ('U (k = 2, about {share}) is that of the uncertainty budget, the root of the sum of its squares; it does '
-             'not contain effects that are not in the model, nor the scale of the CMM.')
+CONTENT_OF_U = 'contains the scatter of the readings and the uncertainty of the effects in the model'
+OF_BUDGET = 'is that of the uncertainty budget, the root of the sum of its squares'
+HEAT = ('plate_expansion', 'frame_expansion')
+"""Sections of an inputs file that bring heat into U."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,16 @@ class Certificate:
         return any(run.simulated for run in self.runs)
 
     @property
+    def is_limited(self) -> bool:
+        """Whether conformity with a tolerance is decided."""
+        return any(line.tolerance is not None for curves in self.sets for line in curves.lines)
+
+    @property
+    def beside_conformity(self) -> str:
+        """What a decision on conformity does not consider, in a sentence."""
+        return f'Conformity is decided with this U, which does not contain {lacking_in_u(self.budget)}.'
+
+    @property
     def judgement(self) -> str:
         """Whether the model fits, in a sentence."""
         return self.verdict.sentence if self.verdict else 'Whether the model fits was not judged.'
@@ -173,7 +183,7 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     rows = dict(joint_rows(result))
     evaluation = tuple((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known'))
     names = tuple(f'{run.name}:' for run in result.solution.model.runs)  # a name stays as it is
-    unknown = [f'The readings do not tell, and the curves are free of: {rows["Not known"]}.', *(
+    unknown = [f'Cannot be measured by these runs; removed from the curves: {rows["Not known"]}.', *(
         f'{note if note.startswith(names) else note[0].upper() + note[1:]}.' for note in result.notes)]
     return _stated(inputs, identity, (*contradictions, *changed), runs, sets, conclusion_text(conclusion), evaluation,
                    unknown, tuple(dict.fromkeys(file for _, files in opened for file in files)))
@@ -194,7 +204,8 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], r
                           'config/identity.yaml)')
     _check_issue(identity['certificate.date'], days[1])
     least = min(one.probability for one in sets)
-    content = (OF_BUDGET if made else CONTENT_OF_U).format(share=f'{least:.0%}'.replace('%', ' %'))
+    content = (f'U (k = 2, about {100 * least:.0f} %) {OF_BUDGET if made else CONTENT_OF_U}; it does not contain '
+               f'effects that are not in the model, nor {lacking_in_u(made)}.')
     further = [
         'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',
         *(f'Contradiction: {words}.' for words in contradictions), content]
@@ -242,10 +253,16 @@ def _measured(run: Run, source: Source) -> Measured:
         ('Recording', f'{source.begun} to {source.ended}, the whole log' if days else ''),
         ('Duration', text.run_duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
         ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not recorded'),
-        ('Table angles', f'at most {text.significant(1e6 * np.abs(run.angle_deviation).max())} µrad off nominal'),
+        ('Table angles', text.angle_words(run)),
         ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
         ('Notes', '; '.join(run.notes)))
     return Measured(rows[0][1], tuple(row for row in rows if row[1]), days, known, run.simulated)
+
+
+def lacking_in_u(made: Budget | None) -> str:
+    """Return in words which of heat and scale U does not contain."""
+    heat = made is not None and all(section in made.inputs for section in HEAT)
+    return 'the scale of the CMM' if heat else 'thermal expansion and the scale of the CMM'
 
 
 def release(version: str) -> str:

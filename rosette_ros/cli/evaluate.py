@@ -109,7 +109,8 @@ def run_evaluate(options: Namespace) -> None:
     lines = fit_lines(fit, tolerances, doubt_of(opened.verdict))
     if options.json:
         spheres = {'spheres': spheres_json(refit)} if refit else {}
-        print_json({**evaluation_json(fit, opened.verdict, lines), **spheres})
+        print_json({**evaluation_json(fit, opened.verdict, lines,
+                                      opened.finding.with_cause if opened.finding else None), **spheres})
     else:
         show_evaluation(options, fit, opened.finding, lines)
         if refit:
@@ -124,7 +125,7 @@ def show_evaluation(options: Namespace, fit: Fit, found: Finding | None, lines: 
         print_card(out, found.verdict, options.run_path[0], options.model)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
-    final = found.final if found and found.missing else None
+    final = found.with_cause if found else None
     print_parts(out, [
         errors(lines, found=fit_lines(final) if final else ()), curves(fit.error_motions, NOW if final else ''),
         *([curves(final.error_motions, FOUND)] if final else []), deviations(fit),
@@ -193,7 +194,9 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
     notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
     claimed = [one for one in diagnosis.candidates if one.claimed]
     others = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST]
+    found = diagnosis.with_cause
     print_parts(out, [
+        errors(fit_lines(diagnosis.fit, doubt=doubt_of(diagnosis.verdict)), found=fit_lines(found) if found else ()),
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
                        'Parameters of the missing effects, all fitted together'),
         explanations(diagnosis).first(NEXT_BEST),
@@ -245,8 +248,8 @@ def show_comparison(out: Console, comparison: Comparison, verdict: Verdict) -> N
             say(out, f'{capital(remark)}.')
     else:
         print_verdict(out, verdict_text(verdict))
-    out.print(f'{escape(comparison_words(comparison))} Residuals are given in σ = {micrometres(sigma)}, {source}; '
-              f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
+    say(out, f'{comparison_words(comparison)} Residuals are given in σ = {micrometres(sigma)}, {source}; '
+        f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),
                       tables.worst_readings(comparison), tables.waves(comparison)])
 

@@ -58,6 +58,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
     parser.add_argument('--tables', metavar='DIR', help='write every table as CSV, too')
+    parser.add_argument('--annex', action='store_true', help='open the annex of the page: it is then printed, too')
     add_shared(parser, '--format', '--force')
 
 
@@ -91,8 +92,8 @@ def report_jointly(options: Namespace) -> None:
     files = [one for _, files in opened for one in files]
     files += map(digest, filter(None, (options.share, options.identity)))
     pictures = joint_pictures(result)
-    write_text(path, joint_html(result, files, options.command_line, pictures, identity, contradictions),
-               options.force)
+    write_text(path, joint_html(result, files, options.command_line, pictures, identity, contradictions,
+                                options.annex), options.force)
     write_parts(options, pictures, joint_tables(result, identity))
     print_result(console(), conclusion_text(conclude(result)), path)
 
@@ -119,7 +120,8 @@ def report_run(options: Namespace, place: str) -> None:
         refit = touches_of(source)[0]
         made = budget_of(summary, refit, inputs)
         pictures = pictures_of(summary, overlays, refit, made)
-        write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs), options.force)
+        write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs, options.annex),
+                   options.force)
         write_parts(options, pictures, every_table(summary, source.identity, refit, made))
     out.print(head(measured))
     print_result(out, verdict_text(summary.verdict), path)
@@ -135,7 +137,7 @@ def compare_runs(options: Namespace) -> None:
             raise InvalidData(f'report: {name} does not go with --compare; leave it out')
     verified = verification_of(options.compare, options.maker, read_model(options.model))
     pictures = verification.verification_pictures(verified)
-    page = verification.verification_html(verified, options.command_line, pictures)
+    page = verification.verification_html(verified, options.command_line, pictures, options.annex)
     write_text(path, page, options.force)
     write_parts(options, pictures, verification.verification_tables(verified))
     print_result(console(), verified.verdict, path)

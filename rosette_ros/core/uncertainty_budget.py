@@ -405,10 +405,11 @@ def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
           hidden: Sequence[Visibility] | None, doubt: str) -> list[str]:
     """Return what the budget does not consider, in sentences."""
     out = [f'What the model lacks: {doubt}.'] if doubt else []
-    out += [f'{words[:1].upper()}{words[1:]}: not stated ({section}).' for section, (words, _) in SECTIONS.items()
-           if section not in inputs and section != 'touches']
+    if lacking := [f'{words} ({section})' for section, (words, _) in SECTIONS.items()
+                   if section not in inputs and section != 'touches']:
+        out.append(f'No value is stated for: {", ".join(lacking)}.')
     if touch is None:
-        out.append('Scatter of single touches: not recorded and not stated (touches); it is part of the repeatability.')
+        out.append('The scatter of single touches (touches) is not recorded; it is part of the repeatability.')
     if hidden is None:
         out.append('Effects that this order of measurement hides.')
     else:

@@ -16,8 +16,8 @@ from rosette_ros.presentation.table_format import Column, Table, column, words
 
 SCHEMA = 'rosette-budget-results/1'
 ROWS = ('combined u', f'U (k = {COVERAGE_FACTOR})', 'U, worst point', 'effective dof')
-NOTE = ('Standard uncertainties of a point, root mean square over the points of a curve: their squares add up. '
-        'Effective degrees of freedom after Welch and Satterthwaite.')
+NOTE = ('Standard uncertainties of a point, rms over the points of a curve; degrees of freedom: Welch and '
+        'Satterthwaite.')
 ALIKE = 0.02
 """Relative difference up to which U of the worst point is not told by itself."""
 WORST = 2

@@ -20,12 +20,12 @@ def correction_table(correction: Correction) -> Table:
     values = [1e6 * line.range for line in lines]
     u = [COVERAGE_FACTOR * 1e6 * line.u_point for line in lines]
     places = [text.decimals(one) for one in u]
-    return Table('correction', 'What is taken off', (
+    return Table('correction', 'What is corrected', (
         words('error', 'error', CURVES), words('unit', 'unit', text.CURVE_UNITS),
         words('range', 'range', map(text.fixed, values, places)), words('U', 'U', map(text.fixed, u, places)),
         words('what', 'correction', [
             'not corrected' if curve not in correction.corrected else
-            'taken off, although it may be noise' if value < 2 * one else 'taken off'
+            'corrected, although it may be noise' if value < 2 * one else 'corrected'
             for curve, value, one in zip(CURVES, values, u)])),
         note=f'Range: peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve.')
 
@@ -36,7 +36,7 @@ def check_table(check: CorrectionCheck) -> Table:
         'correction', 'The errors before and after the correction', CHECKED_ERROR, check.errors,
         [one.level for one in check.errors],
         f'Peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve after, with that of the correction: '
-        'noise alone spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
+        'noise spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
 
 
 def _sized(key: str, name: str, get: str = '') -> Field:
@@ -51,7 +51,8 @@ CHECKED_ERROR = (
     Field('unit', 'unit', lambda one: SI_UNITS[one.curve], lambda unit: f'µ{unit}', number=False),
     _sized('before', 'before'), _sized('expected', 'expected', 'promised'), _sized('after', 'after'),
     _sized('U', 'U of a point', 'expanded'),
-    Field('taken_off', 'taken off', 'gain', lambda gain: text.percent(gain) if np.isfinite(gain) else '', number=False),
+    Field('taken_off', 'corrected by', 'gain', lambda gain: text.percent(gain) if np.isfinite(gain) else '',
+          number=False),
     Field('u_taken_off', '', 'u_gain'), Field('p'), Field('result', 'result', number=False),
     Field('level', files='json'))
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The six errors in a line each, for people and programs: the summary after ISO 230-7."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,10 @@ from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.io.identity_file import ARC_SECOND
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.formatting import FOUND, NOW
-from rosette_ros.presentation.table_format import Column, Table, words
+from rosette_ros.presentation.table_format import Column, Table, column, words
 
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
-WHAT_IS_WHAT = (f'Range: peak to valley; U (k = {COVERAGE_FACTOR}) of the range, and of the worst point of the curve; '
-                'once-per-turn part (fundamental) and residual synchronous part.')
+WHAT_IS_WHAT = f'Range: peak to valley; U: k = {COVERAGE_FACTOR}; residual synchronous: without the once-per-turn part.'
 
 
 def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table (ISO 230-7)',
@@ -24,43 +23,39 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
 
     found: the same with the cause found in the model, where one is missing."""
     units = [text.CURVE_UNITS[CURVES.index(line.curve)] for line in lines]
-    digits = [text.decimals(1e6 * line.expanded) for line in lines]
 
-    def shown(value: float | None, place: int) -> str:
-        return '' if value is None else text.fixed(1e6 * value, digits[place])
+    def shown(value: float | None, line: AxisError) -> str:
+        return '' if value is None else text.fixed(1e6 * value, text.decimals(1e6 * line.expanded))
 
-    def micro(key: str, head: str, values: Sequence[float | None],
-              show: Callable[[float | None, int], str] = shown) -> Column:
-        exact = tuple(None if value is None else 1e6 * value for value in values)
-        return Column(key, head, exact, tuple(show(value, place) for place, value in enumerate(values)))
-
-    def plus_minus(value: float | None, place: int) -> str:
-        return f'±{shown(value, place)}'
+    def micro(key: str, head: str, values: Sequence[float | None], sign: str = '',
+              of: Sequence[AxisError] = lines) -> Column:
+        return Column(key, head, tuple(None if value is None else 1e6 * value for value in values),
+                      tuple(f'{sign}{shown(value, line)}' for value, line in zip(values, of, strict=True)))
 
     several = any(line.asynchronous is not None for line in lines)
     limited = any(line.tolerance is not None for line in lines)
     doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
-    arc = f' 1″ = {1e6 * ARC_SECOND:.3f} µrad.' if limited else ''
     width = (' Asynchronous error motion value: the largest width of the curves of the runs at an angle, their noise '
-             'included, with its U.' if several else ' The asynchronous error motion value needs several runs.')
+             'included.' if several else '')
     return Table(name, title, (
-        words('error', 'error', [f'{line.curve} ({line.name})'.replace('-', '−') for line in lines]),
-        words('unit', 'unit', units),
+        words('error', 'error', [f'{line.curve} ({line.name}) / {unit}'.replace('-', '−')
+                                 for line, unit in zip(lines, units, strict=True)]),
+        column('unit', '', units),
         micro('range_in_unit', f'range, {NOW}' if found else 'range', [line.range for line in lines]),
-        micro('U_range_in_unit', 'U', [line.expanded for line in lines], plus_minus),
-        *((micro('found_range_in_unit', f'range, {FOUND}', [line.range for line in found]),
-           micro('U_found_range_in_unit', 'U', [line.expanded for line in found], plus_minus)) if found else ()),
-        micro('U_point_in_unit', 'U of a point', [COVERAGE_FACTOR * line.u_point for line in lines], plus_minus),
+        micro('U_range_in_unit', 'U', [line.expanded for line in lines], '±'),
+        *((micro('found_range_in_unit', f'range, {FOUND}', [line.range for line in found], '', found),
+           micro('U_found_range_in_unit', 'U', [line.expanded for line in found], '±', found)) if found else ()),
+        micro('U_point_in_unit', 'U of a point', [COVERAGE_FACTOR * line.u_point for line in lines], '±'),
         micro('once_per_turn_in_unit', 'once per turn', [line.once_per_turn for line in lines]),
         micro('residual_in_unit', 'residual synchronous', [line.residual for line in lines]),
-        *([micro('asynchronous_in_unit', 'asynchronous', [line.asynchronous for line in lines], lambda value, place: (
-            '' if value is None else f'{shown(value, place)} ±{shown(_expanded(lines[place]), place)}'))]
-          if several else ()),
-        *((micro('tolerance_in_unit', 'tolerance', [line.tolerance for line in lines], lambda value, place: (
-            '' if value is None else _limit(value, units[place]))),
+        *((micro('asynchronous_in_unit', 'asynchronous', [line.asynchronous for line in lines]),
+           micro('U_asynchronous_in_unit', 'U', [_expanded(line) for line in lines], '±')) if several else ()),
+        *((Column('tolerance_in_unit', 'tolerance', tuple(
+            None if line.tolerance is None else 1e6 * line.tolerance for line in lines), tuple(
+                '' if line.tolerance is None else _limit(line.tolerance, unit) for line, unit in zip(lines, units))),
            words('conformity', 'ISO 14253-1', [line.conformity or '' for line in lines])) if limited else ())),
         levels=tuple(LEVELS[line.conformity] for line in lines),
-        note=f'{WHAT_IS_WHAT}{width}{arc}' + f' Decision rule: {DECISION_RULE}.' * limited
+        note=f'{WHAT_IS_WHAT}{width}' + f' Decision rule: {DECISION_RULE}.' * limited
         + ''.join(f' Not decided: {doubt}.' for doubt in doubts))
 
 

@@ -6,15 +6,14 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.presentation.formatting import MEANINGS, before_after, fixed
 from rosette_ros.presentation.table_format import Column, Table, column, words
-from rosette_ros.words.cause_words import does_words
-from rosette_ros.words.verdict_words import chance, title_of
+from rosette_ros.words.verdict_words import chance, does_words, title_of
 
 
 def causes(verdict: Verdict) -> Table:
     """Return what a verdict says is missing, a row for each cause, the one that explains most first."""
     every = verdict.missing
     looks = [MEANINGS[one.name].look if one.name in MEANINGS else '' for one in every]
-    return Table('causes', 'What is missing, the one that explains most first', (
+    return Table('causes', 'Causes, the one that explains most first', (
         column('probability', 'probability', [one.probability for one in every],
                lambda p: '' if p is None else chance(p)),
         column('effect', '', [one.name for one in every]),
@@ -43,6 +42,6 @@ def _words(name: str) -> str:
 
 
 def _noise_words(kind: str) -> str:
-    return {'z': 'z repeats unequally', 'axis': 'the axes repeat unequally', 'wander': 'the frame wanders',
+    return {'z': 'unequal scatter in z', 'axis': 'unequal scatter of the axes', 'wander': 'random drift of the frame',
             'reading': 'heavy tails of readings', 'coordinate': 'heavy tails of coordinates'}.get(
         kind, f'scatter differs by {kind}')

@@ -32,6 +32,7 @@ from rosette_ros.words.effect_words import plain as plain
 from rosette_ros.words.effect_words import plain_name as plain_name
 from rosette_ros.words.effect_words import scale_of as scale_of
 from rosette_ros.words.effect_words import setting_words as setting_words
+from rosette_ros.words.effect_words import title_of as title_of
 from rosette_ros.words.effect_words import words_of as words_of
 
 if TYPE_CHECKING:  # plan and info start without the least squares
@@ -44,7 +45,8 @@ P_NOISE, CROSS_VALIDATION, VISIBLE, LIMIT = (
 """Terms that every interface uses in the same words."""
 NOW, FOUND = 'as modelled now', 'with the cause found'
 """The two models of a run whose verdict says that a cause is missing."""
-_BEFORE_UNIT = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ))')
+_GLUED = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ|→))|(?<=[±→=]) (?=[\d−])|(?<=[kR]) (?==)|'
+                    r'(?<=\)) (?=/)|(?<=/) (?=µ)')
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MOST_MISSING = 5
@@ -147,8 +149,8 @@ def instant(stamp_ns: int) -> str:
 
 
 def glued(text: str) -> str:
-    """Return a text in which no line breaks between a number and its unit."""
-    return _BEFORE_UNIT.sub('\u00a0', text)
+    """Return a text in which no line breaks between a number and its unit, nor in `k = 2`."""
+    return _GLUED.sub('\u00a0', text)
 
 
 def signs(text: str) -> str:
@@ -225,11 +227,17 @@ def not_known(run: Run, gauge: Sequence[str]) -> list[str]:
 
 
 def model_words(model: 'Model') -> str:
-    """Return a model as a sum, fixed settings with their units, custom terms with their formula."""
+    """Return a model as a sum of titles, fixed settings with their units, custom terms with their formula."""
     fixed_ones = [setting_words(term.name, term.fixed) if term.name in MEANINGS else term.effect.formula
                   for term in model.terms]
-    return ' + '.join([*model.base, *(f'{term.name} ({words})' if words else term.name
-                                      for term, words in zip(model.terms, fixed_ones, strict=True))]) or 'nothing'
+    return ' + '.join([*map(title_of, model.base), *(f'{title_of(term.name)} ({words})' if words else title_of(
+        term.name) for term, words in zip(model.terms, fixed_ones, strict=True))]) or 'nothing'
+
+
+def angle_words(run: Run) -> str:
+    """Return how far the table angles are off their nominal values."""
+    off = 1e6 * float(np.abs(run.angle_deviation).max())
+    return f'at most {significant(off)} µrad off nominal' if off else 'nominal'
 
 
 def pauses(run: Run) -> str:

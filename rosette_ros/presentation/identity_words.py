@@ -7,7 +7,7 @@ from rosette_ros.io.identity_file import DEVICES, Identity, words_of_entry
 
 NOT_STATED = 'not stated'
 SIMULATED = 'SIMULATED: the readings are those of a simulated CMM; no real table was measured.'
-NOTHING = 'Who, what and where are not stated: no identity file (--identity FILE).'
+NOTHING = 'Who, what and where are not stated: there is no identity file.'
 _ADDRESS = ('name', 'street', 'postcode', 'city', 'country')
 
 

@@ -16,7 +16,7 @@ from rosette_ros.core.number_words import p_words
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors, errors_json
-from rosette_ros.presentation.json_output import Json, by_curve, plain
+from rosette_ros.presentation.json_output import Json, by_curve, motions_json, plain
 from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
 from rosette_ros.words.result_words import conclusion_text
@@ -142,8 +142,8 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     if fits(result) is False:
         fit += ', one model does not fit'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
-                      f'{solution.hidden.shape[1]} combinations are hidden, {solution.hidden_in_curves} of them in the '
-                      'curves, and removed from them'
+                      f'{solution.hidden.shape[1]} combinations cannot be measured, {solution.hidden_in_curves} '
+                      'of them in the curves, from which they are removed'
                       + ', with means and once-per-turn parts that are known only together' * bool(
                           solution.known_together)),
             ('Residual', f'{text.micrometres(result.rms)} rms per coordinate{fit}'),
@@ -178,9 +178,9 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
         'unknowns': model.unknowns, 'rank': solution.rank, 'hidden': solution.hidden.shape[1],
         'hidden_in_curves': solution.hidden_in_curves, 'known': result.knowledge.known,
         'not_known': result.knowledge.hidden,
-        'curves': [{'table': one.name, 'sense': one.sense, **_motions_json(motions), 'iso_230_7': errors_json(lines)}
+        'curves': [{'table': one.name, 'sense': one.sense, **motions_json(motions), 'iso_230_7': errors_json(lines)}
                    for one, motions, lines in every],
-        'reversal': [{'table': one.table, **_motions_json(one.motions), 'p': one.p,
+        'reversal': [{'table': one.table, **motions_json(one.motions), 'p': one.p,
                       'mean': by_curve(np.where(one.is_known, one.mean, np.nan)),
                       'u_mean': by_curve(np.where(one.is_known, one.u_mean, np.nan))} for one in result.reversals],
         'u_coverage_factor': STANDARD, 'U_coverage_factor': text.COVERAGE_FACTOR,
@@ -189,8 +189,3 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
         'plate_ball': model.places['plate'][:, 1] + 1, 'cmm_azimuth_rad': model.cmm_azimuth,
         'fit': {'rms_m': result.rms, 'dof': solution.dof, 'sigma_m': result.sigma, 'sigma_source': result.sigma_source,
                 'lack_of_fit_p': result.lack_of_fit_p}, 'notes': result.notes})
-
-
-def _motions_json(motions: ErrorMotions) -> Json:
-    return {'angle_rad': motions.angle, **by_curve(motions.values.T), 'u': by_curve(motions.u.T),
-            'U': by_curve(text.COVERAGE_FACTOR * motions.u.T)}

@@ -23,7 +23,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
 from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import SI_UNITS
+from rosette_ros.core.records import SI_UNITS, ErrorMotions
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json
@@ -84,8 +84,22 @@ def by_curve(values: Iterable[object]) -> Json:
     return dict(zip(CURVE_KEYS, values, strict=True))
 
 
-def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[AxisError] | None = None) -> Json:
-    """Return a report, schema rosette-evaluation/1; u holds standard uncertainties; lines: None for no tolerances.
+def motions_json(motions: ErrorMotions) -> Json:
+    """Return six curves with standard (u) and expanded (U) uncertainties."""
+    return {'angle_rad': motions.angle, **by_curve(motions.values.T), 'u': by_curve(motions.u.T),
+            'U': by_curve(COVERAGE_FACTOR * motions.u.T)}
+
+
+def found_json(found: Fit | None) -> Json:
+    """Return curves and errors with the cause found, null where no cause that has a name is missing."""
+    return {'with_cause_found': None if found is None else {
+        'model': found.model.names, **motions_json(found.error_motions), 'iso_230_7': errors_json(fit_lines(found))}}
+
+
+def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[AxisError] | None = None,
+                    found: Fit | None = None) -> Json:
+    """Return a report, schema rosette-evaluation/1; u holds standard uncertainties; lines: None for no tolerances;
+    found: the fit with the cause found, where one is missing.
 
     An effect that stands twice in the model is named with its fixed parameters, or with all that were found.
     """
@@ -96,16 +110,15 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[Ax
     return plain({
         'schema': EVALUATION, 'run_id': run.run_id, 'n': run.n, 'radius_m': run.radius,
         'mean_radius_m': fit.mean_radius, 'readings': run.size, 'completeness': run.completeness,
-        'angle_rad': motions.angle, **by_curve(motions.values.T), 'u': by_curve(motions.u.T),
-        'u_coverage_factor': STANDARD, 'U': by_curve(COVERAGE_FACTOR * motions.u.T),
-        'U_coverage_factor': COVERAGE_FACTOR,
+        **motions_json(motions), 'u_coverage_factor': STANDARD, 'U_coverage_factor': COVERAGE_FACTOR,
         'coverage_factor': COVERAGE_FACTOR, 'iso_names': motions.iso_names, 'plate_m': fit.plate, 'cmm_m': fit.cmm,
         'plate_U_m': COVERAGE_FACTOR * fit.deviation_u[0], 'cmm_U_m': COVERAGE_FACTOR * fit.deviation_u[1],
         'simulated': run.simulated, 'rotation': run.rotation,
         'table_axis': None if run.rotation is None else run.rotation[:, 2],
         'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict_text(verdict) if verdict else None),
         'iso_230_7': errors_json(fit_lines(fit, doubt=doubt_of(verdict)) if lines is None else lines),
-        'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
+        'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)},
+        **found_json(found)})
 
 
 def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[LadderStep] = ()) -> Json:
@@ -134,7 +147,8 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
     verdict = diagnosis.verdict
     return plain({
         'schema': DIAGNOSIS, 'run_id': diagnosis.fit.run.run_id, 'model': diagnosis.model.names,
-        'fit': fit_json(diagnosis.fit), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
+        'fit': fit_json(diagnosis.fit), **motions_json(diagnosis.fit.error_motions),
+        **found_json(diagnosis.with_cause), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
         'explanations': [{'members': one.members, 'noise': one.noise, 'probability': one.probability}
                          for one in diagnosis.explanations],
         'probability_of_nothing': diagnosis.probability_of_nothing,

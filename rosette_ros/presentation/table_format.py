@@ -70,14 +70,19 @@ class Table:
         return self.levels[row] if self.levels else ''
 
     def select(self, *keys: str) -> 'Table':
-        """Return the table with some of its columns, in the order of `keys`."""
+        """Return the table with some of its columns, in the order of `keys`, those that it has."""
         found = {column.key: column for column in self.columns}
-        return replace(self, columns=tuple(found[key] for key in keys))
+        return replace(self, columns=tuple(found[key] for key in keys if key in found))
 
     def first(self, count: int) -> 'Table':
         """Return the table with its first rows."""
-        return replace(self, levels=self.levels[:count], columns=tuple(
-            replace(one, values=one.values[:count], shown=one.shown and one.shown[:count]) for one in self.columns))
+        return self.only(range(min(count, len(self.columns[0].values))))
+
+    def only(self, rows: Sequence[int]) -> 'Table':
+        """Return the table with some of its rows, in the order of `rows`."""
+        return replace(self, levels=tuple(self.level(row) for row in rows), columns=tuple(replace(
+            one, values=tuple(one.values[row] for row in rows),
+            shown=None if one.shown is None else tuple(one.shown[row] for row in rows)) for one in self.columns))
 
     def csv(self) -> str:
         """Return the table as CSV text; numbers are exact, what is not finite is left empty."""

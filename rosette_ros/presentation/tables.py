@@ -2,6 +2,7 @@
 """Tables of a run, a diagnosis, orders and changes, built once for terminal, report, studio and CSV."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from operator import attrgetter
@@ -17,6 +18,7 @@ from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.error_summary import fit_lines, peak_to_valley
+from rosette_ros.core.errors import counted
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
@@ -79,7 +81,7 @@ def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Tabl
     columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
                column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
                       partial(text.exact, places=4), '°',
-                      footer=('peak to valley', f'U (k={text.COVERAGE_FACTOR})')[:1 + alike])]
+                      footer=('peak to valley', f'U (k = {text.COVERAGE_FACTOR})')[:1 + alike])]
     names = text.curve_names(motions.rotation)
     for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
         digits = text.decimals(float(np.median(expanded[:, place])))
@@ -112,7 +114,7 @@ def deviations(fit: Fit) -> Table:
     parts = (('plate', 'plate', fit.plate, fit.deviation_u[0]), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
     alike = _alike(np.hstack([u for *_, u in parts]))
     columns = [column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str,
-                      footer=(f'U (k={text.COVERAGE_FACTOR})',) * alike)]
+                      footer=(f'U (k = {text.COVERAGE_FACTOR})',) * alike)]
     for key, name, values, u in parts:
         for place, axis in enumerate(AXES):
             expanded = 1e6 * text.COVERAGE_FACTOR * u[:, place]
@@ -141,7 +143,7 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         words('setting', 'when and where',
               [text.setting_words(name, setting, known) for name, setting, _, known in rows])),
         note=' '.join(
-            [*['Not determined: the readings do not tell these from other parameters of the model.'] * any(
+            [*['Not determined: cannot be told from other parameters of the model.'] * any(
                 not np.isfinite(one.u) for _, _, one, _ in rows),
              *[AMPLITUDE] * any(name.partition('(')[0] not in text.MEANINGS for name, _, _, _ in rows)]))
 
@@ -365,6 +367,7 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
     beside = [best.get(one.name) for one in every]
     return Table('visibility', 'What the order of measurement shows of every effect', (
         words('effect', 'effect', [one.name for one in every]),
+        words('title', 'effect', [title_of(one.name) for one in every]),
         words('meaning', 'meaning', [text.MEANINGS[one.name].meaning for one in every]),
         column('typical_visible_fraction', f'{text.VISIBLE}, typical', [one.typical_share for one in every],
                text.percent),
@@ -378,6 +381,15 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
         words('remark', 'remark', [_remark(one) for one in every])),
         levels=tuple('' if one.reason or one.typical_share >= GOOD_SHARE else
                      Level.BAD if one.hidden else Level.DOUBTFUL for one in every))
+
+
+def weak_effects(every: Table, most: int) -> Table:
+    """Return of a table of `visibility` the effects that the order hardly shows, the least visible first."""
+    shares = next(one.values for one in every.columns if one.key == 'typical_visible_fraction')
+    weak = sorted((row for row in range(len(shares)) if every.level(row)), key=lambda row: shares[row])
+    more = f', the first {most}' * (len(weak) > most)
+    return replace(every.only(weak[:most]), name='weak',
+                   title=f'What this order can hardly show: {len(weak)} of {counted(len(shares), "effect")}{more}')
 
 
 def _limit(value: float | None) -> str:

@@ -61,7 +61,7 @@ def curves_of(folder: str, keys: Sequence[str], model: str) -> list[tuple[str, E
         np.column_stack([row[f'U_{key}'] for key in CURVE_KEYS]) / COVERAGE_FACTOR)) for row in rows]
 
 
-def differences(curves: Sequence[tuple[str, ErrorMotions]]) -> list[tuple[str, ErrorMotions]]:
+def less_earliest(curves: Sequence[tuple[str, ErrorMotions]]) -> list[tuple[str, ErrorMotions]]:
     """Return the curves less those of the first, with the uncertainty of both; raises InvalidData for other angles."""
     (first, base), *others = curves
     made = []

@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rosette_ros.analysis import evaluate_jointly
+from rosette_ros.analysis import curves_over, evaluate_jointly
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.records import Run
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log
@@ -61,6 +62,11 @@ def shown_touches(source: Source | None) -> ShownTouches:
         'Distance of each touch from its sphere; below, the radius of each sphere.': str(drawn['touch_residuals']),
         'Mean residuals by direction, seen from the pole: lobing of the probe, form of each ball.':
             str(drawn['touch_directions'])}, (sphere_table(refit),))
+
+
+def curves_by_name(runs: Sequence[tuple[str, Run]], model: Model) -> dict[str, ErrorMotions]:
+    """Return the curves of named runs under a model, along the axes of the first."""
+    return {name: curves_over(runs[0][1], run, model) for name, run in runs}
 
 
 def joint_of(opened: Sequence[OpenedRun]) -> JointResult:

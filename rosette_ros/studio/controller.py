@@ -6,56 +6,49 @@ a long diagnosis delays nothing. A result that belongs to another run or model b
 """
 
 import asyncio
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from nicegui import Event
 
-from rosette_ros.analysis import LadderStep, analyse, change, cross_check, curves_over, summarise
+from rosette_ros.analysis import LadderStep, analyse, change, cross_check, summarise
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
 from rosette_ros.core.error_summary import doubt_of
 from rosette_ros.core.errors import NotDeterminable, RosetteError, one_line
-from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import ErrorMotions, Run
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.records import Run
 from rosette_ros.io.budget_file import read_budget
 from rosette_ros.presentation.report import report_html
 from rosette_ros.presentation.report.provenance import Source
-from rosette_ros.studio.calculations import ShownTouches, budget_of, joint_of, shown_touches
+from rosette_ros.studio.calculations import budget_of, curves_by_name, joint_of, shown_touches
 from rosette_ros.studio.studio_session import KeptResults, OpenedRun, Preview, Session, Ticket
 from rosette_ros.studio.worker import Superseded, Worker
 
 T = TypeVar('T')
 LOOK_AGAIN = 0.1  # s
+SUMMARY = 'summary'
 
 
 class Controller:
     """A Session with its calculations; `changed` is emitted for the views; kept: results that sessions share.
 
     step: the one of analysis.STEPS that is running, '' when none is; previewing: what a preview is calculated of, ''
-    when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis;
-    joiner, archivist, budgeter, toucher: calculate several runs as one, trends, the uncertainty budget, and spheres
-    through touches; joint: the result of several runs; budget, overlaid: that
-    budget, and curves of runs by name, this run's first, with the ticket that they belong to; touches: what they show,
-    with their run.
+    when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis.
+    What else is asked for has a name, a worker that ends when the same is asked again, and an `answer`.
     """
 
     def __init__(self, kept: KeptResults | None = None) -> None:
         self.session, self.changed = Session(kept or KeptResults()), Event[[]]()
         self.step = self.error = self.previewing = ''
         self.check: tuple[str, CrossCheck] | None = None
-        self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
-        self.joiner, self.archivist, self.budgeter, self.toucher = Worker(), Worker(), Worker(), Worker()
-        self.touches: tuple[OpenedRun, ShownTouches] | None = None
-        self.budget: tuple[Ticket | None, Budget] | None = None
-        self.overlaid: tuple[Ticket | None, dict[str, ErrorMotions]] | None = None
+        self._quick, self._workers = ThreadPoolExecutor(1, 'quick'), defaultdict[str, Worker](Worker)
+        self._answers: dict[str, tuple[object, Any]] = {}
         self._refreshed: Ticket | None = None
         self._asked = 0
-        self.joint: JointResult | None = None
 
     @property
     def is_shown(self) -> bool:
@@ -81,13 +74,26 @@ class Controller:
 
         Raises RosetteError in the words of the command line.
         """
-        run, source = await self._reader.run(read, path, *arguments, within=within, memory=memory)
+        run, source = await self._workers['open'].run(read, path, *arguments, within=within, memory=memory)
         self.act(self.session.open, run, path.name or str(path), source)
 
     async def report(self) -> str | None:
         """Return the report of what is shown, HTML; None while its summary is not complete."""
         summary, current = self.session.results.summary, self.session.current
-        return await self._worker.run(report_html, summary, current.source) if summary and current else None
+        return await self._workers[SUMMARY].run(report_html, summary, current.source) if summary and current else None
+
+    async def ask(self, what: str, function: Callable[..., T], *arguments: object, of: object = None) -> T:
+        """Return function(*arguments), calculated in another process, and keep it as the answer to `what`; of: the
+        ticket or the opened run that it belongs to, None for neither. Superseded where the same is asked again."""
+        result = await self._workers[what].run(function, *arguments)
+        self._answers[what], self.error = (of, result), ''
+        self.changed.emit()
+        return result
+
+    def answer(self, what: str) -> Any:
+        """Return the last answer where it belongs to what is shown, else None."""
+        of, result = self._answers.get(what, (None, None))
+        return result if of in (None, self.session.ticket, self.session.current) else None
 
     async def preview(self, name: str, make: Callable[[], Model]) -> None:
         """Calculate what the model of `make` would change; show it as a preview."""
@@ -124,50 +130,33 @@ class Controller:
         summary = self.session.results.summary
         if summary is None or not self.session.is_current(ticket):
             return
-        result = await self._worker.run(cross_check, other.run, summary.diagnosis)
+        result = await self._workers[SUMMARY].run(cross_check, other.run, summary.diagnosis)
         if self.session.is_current(ticket):
             self.check = (other.name, result)
             self.changed.emit()
 
     async def evaluate_jointly(self, places: Sequence[int]) -> None:
         """Evaluate opened runs as one."""
-        self.joint = await self.joiner.run(joint_of, [self.session.runs[place] for place in places])
-        self.error = ''
-        self.changed.emit()
+        await self.ask('joint', joint_of, [self.session.runs[place] for place in places])
 
     async def make_budget(self, path: str) -> None:
         """Calculate the uncertainty budget of the run under the model; path: of a file of inputs, '' for none."""
-        results, ticket, current = self.session.results, self.session.ticket, self.session.current
+        results, current = self.session.results, self.session.current
         inputs = read_budget(path) if path else None
-        if results.fit is None or current is None:
-            return
-        self.budget = ticket, await self.budgeter.run(
-            budget_of, results.fit, current.source, inputs, doubt_of(results.verdict))
-        self.error = ''
-        self.changed.emit()
+        if results.fit and current:
+            await self.ask('budget', budget_of, results.fit, current.source, inputs, doubt_of(results.verdict),
+                           of=self.session.ticket)
 
     async def read_touches(self) -> None:
         """Fit spheres to the touches in the log of the run that is shown."""
-        current = self.session.current
-        if current is None:
-            return
-        self.touches, self.error = (current, await self.toucher.run(shown_touches, current.source)), ''
-        self.changed.emit()
+        if current := self.session.current:
+            await self.ask('touches', shown_touches, current.source, of=current)
 
     async def lay_over(self, places: Sequence[int]) -> None:
         """Evaluate other opened runs under the model, to draw their curves over those of this one."""
-        session, ticket, model = self.session, self.session.ticket, self.session.model
-        if session.current is None:
-            return
-        every, first = {}, session.current.run
-        for one in (session.current, *(session.runs[place] for place in places)):
-            every[one.name] = await self.do_quick(self._if_current(ticket, curves_over), first, one.run, model)
-        self.overlaid, self.error = (ticket, every), ''
-        self.changed.emit()
-
-    def of_present(self, kept: tuple[Ticket | None, T] | None) -> T | None:
-        """Return what was kept with its ticket, where that is the ticket of what is shown."""
-        return kept[1] if kept and self.session.is_current(kept[0]) else None
+        if current := self.session.current:
+            every = [(one.name, one.run) for one in (current, *(self.session.runs[place] for place in places))]
+            await self.ask('overlay', curves_by_name, every, self.session.model, of=self.session.ticket)
 
     # Calculations
 
@@ -177,7 +166,7 @@ class Controller:
         if ticket is None or session.current is None:
             return
         if ticket != self._refreshed:
-            self._worker.stop()
+            self._workers[SUMMARY].stop()
         self._refreshed = ticket
         try:
             await self._calculate(ticket, session.current, session.model, unasked)
@@ -195,9 +184,9 @@ class Controller:
         self._begin(ticket, 'evaluate')
         if opened.is_large and unasked:
             if results.fit is None:
-                self._keep(ticket, fit=await self._worker.run(analyse, run, model))
+                self._keep(ticket, fit=await self._workers[SUMMARY].run(analyse, run, model))
         elif results.summary is None:
-            self._keep(ticket, summary=await self._worker.run(
+            self._keep(ticket, summary=await self._workers[SUMMARY].run(
                 summarise, run, model, known=self.session.kept.known(run, model),
                 calls={'on_step': lambda step: self._begin(ticket, step),
                        'on_part': lambda name, part: self._keep(ticket, **{name: part})}))
@@ -225,6 +214,6 @@ class Controller:
 
     def close(self) -> None:
         """End the calculations."""
-        for worker in (self._worker, self._reader, self.joiner, self.archivist, self.budgeter, self.toucher):
+        for worker in self._workers.values():
             worker.stop()
         self._quick.shutdown(wait=False, cancel_futures=True)

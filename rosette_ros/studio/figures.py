@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of the page: Plotly's data and layout as plain dicts, made of records.
+"""The figures in which people zoom or click: Plotly's data and layout as plain dicts, made of records.
 
 Colours of text, grid and background come from the page's style sheet, so that one figure serves light and dark. What
 would be too much for a browser is thinned, and the figure states it.
@@ -8,23 +8,22 @@ would be too much for a browser is thinned, and the figure states it.
 from base64 import b64encode
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.analysis import LadderStep
-from rosette_ros.core.diagnosis.recovered_shape import Shape, ShapeCurve, strongest
+from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.scheme import cmm_position, nominal_places
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
-from rosette_ros.presentation.plots.shape_plots import MOST_CURVES, UNITS
-from rosette_ros.presentation.tables import nested_names, noise_of
+from rosette_ros.presentation.tables import noise_of
+from rosette_ros.studio.live_state import CellView, ReadingPlace
 
 PlotlyFigure = dict[str, Any]
 """Data, layout and config as JSON: their many forms are Plotly's."""
@@ -39,18 +38,24 @@ MOST_MARKS = 1500
 CHOSEN = {'color': '#cc79a7', 'width': 3}
 """Line around or through a chosen reading."""
 AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
-BARS: dict[str, tuple[str, dict[str, Any]]] = {
-    'A': ('type A: by statistics', {'color': COLOURS[0]}),
-    'B': ('type B: other knowledge', {'color': COLOURS[5], 'pattern': {'shape': '/', 'fgcolor': '#333333'}}),
-    'hidden': ('bound of hidden effects', {'color': '#bbbbbb', 'line': {'width': 1, 'color': '#333333'}}),
-    '': ('combined u', {'color': '#777777'})}
-"""Labels and looks of the bars of a budget, by kind of evaluation."""
 HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
          '<br>%{text} µm<br>rms %{customdata[3]:.1f} × NOISE<br>reading %{customdata[4]}, at %{customdata[5]:.1f} min')
 
 
 DASHES = ('solid', 'dash', 'dot', 'dashdot', 'longdash')
-SYMBOLS = ('circle', 'square', 'diamond', 'triangle-up', 'cross', 'star')
+DONE, FAILED, CURRENT, OPEN = 'measured', 'failed', 'current target', 'not measured'
+LOOKS: dict[str, dict[str, Any]] = {
+    OPEN: {'symbol': 'circle-open', 'color': '#8a8a8a', 'line': {'width': 1}},
+    DONE: {'symbol': 'circle', 'color': AFTER},
+    FAILED: {'symbol': 'x', 'color': BEFORE},
+    CURRENT: {'symbol': 'diamond', 'color': COLOURS[5], 'line': {'width': 1.5, 'color': '#222222'}}}
+"""How a ball or a reading looks, told apart without its colour, too."""
+SOFT, FAINT = 'rgba(128,128,128,0.5)', 'rgba(128,128,128,0.10)'
+"""Lines and areas that are seen on a light and on a dark ground."""
+TABLE, INNER, OUTER, NAMES = 0.8, 1.3, 2.25, 2.45
+"""Radii in those of the circle of balls: table, first and last table position, numbers of the CMM positions."""
+MOST_DOTS = 36
+"""The readings of larger plates are not drawn one by one."""
 
 
 class Curves(NamedTuple):
@@ -128,34 +133,6 @@ def band_trace(x: Floats, value: Floats, spread: Floats, colour: str) -> PlotlyF
             'y': packed(np.concatenate([value + spread, (value - spread)[::-1]])), 'fill': 'toself', 'mode': 'lines',
             'fillcolor': f'rgba({red},{green},{blue},0.22)', 'line': {'width': 0}, 'hoverinfo': 'skip',
             'showlegend': False}
-
-
-def shape_figure(shape: Shape) -> PlotlyFigure:
-    """Return the curves of a recovered shape that stand out most, with bands of U (k = 2), beside what is claimed."""
-    shown, (unit, factor) = strongest(shape, MOST_CURVES), UNITS.get(shape.unit, (shape.unit, 1.0))
-    data, layout = [], _panels(len(shown), 1, gap=(0.0, 0.4), legend=True)
-    first, last = (factor * float(shape.values[k]) for k in (0, -1))
-    ends = [first - 0.1 * (last - first), last + 0.04 * (last - first)]  # the first label stays off those of the y axis
-    for place, curve in enumerate(shown, 1):
-        data += _shape_curve(curve, factor * shape.values, f'{shape.variable} %{{x:.4g}} {unit}', place)
-        title = f'{shape.variable} / {unit}' if place == len(shown) else ''
-        carrier = f' × {curve.carrier}' if curve.carrier else ''
-        x = {'range': ends, 'title': {'text': title}}
-        _set_panel(layout, place, x, {'zeroline': True}, f'<b>{curve.axis}</b>{carrier} / µm')
-    return figure_of(data, layout)
-
-
-def _shape_curve(curve: ShapeCurve, x: Floats, at: str, place: int) -> list[PlotlyFigure]:
-    value, spread = 1e6 * curve.value, 1e6 * COVERAGE_FACTOR * curve.u
-    common = {'type': 'scatter', 'x': packed(x), 'mode': 'lines', 'showlegend': place == 1, **_axes(place)}
-    line = {**common, 'y': packed(value), 'customdata': packed(spread), 'name': 'recovered',
-            'line': {'color': AFTER, 'width': 2},
-            'hovertemplate': f'%{{y}} ± %{{customdata:.3f}} µm, U with k = {COVERAGE_FACTOR}<br>{at}'
-                             '<extra>recovered</extra>'}
-    claimed = [] if curve.claimed is None else [
-        {**common, 'y': packed(1e6 * curve.claimed), 'name': 'claimed', 'line': {'color': BEFORE, 'dash': 'dash'},
-         'hovertemplate': f'%{{y}} µm<br>{at}<extra>claimed</extra>'}]
-    return [{**band_trace(x, value, spread, AFTER), **_axes(place)}, line, *claimed]
 
 
 def maps_figure(fit: Fit, scale: Fit | None = None, chosen: int | None = None) -> PlotlyFigure:
@@ -263,28 +240,6 @@ def _thinned(values: Floats) -> Ints:
     return np.unique(np.array(pairs).reshape(-1))
 
 
-def ladder_figure(ladder: Sequence[LadderStep], present: int, noise: float | None = None) -> PlotlyFigure:
-    """Return the error of each model from the base on; so many as `present` are in the model, the others proposed."""
-    labels = [name.replace('_', '_<br>').replace('(', '<br>(') for name in nested_names(ladder)]
-    labels = [label if k < present else f'<i>{label} ?</i>' for k, label in enumerate(labels)]
-    places, ends = list(range(len(ladder))), [-0.35, len(ladder) - 0.65]
-    series = (('fit', [1e6 * step.fit.rms for step in ladder], AFTER, 'circle'),
-              ('cross-validation', [1e6 * step.cross_validation for step in ladder], COLOURS[4], 'square'))
-    data: list[PlotlyFigure] = [
-        {'type': 'scatter', 'mode': 'lines+markers', 'x': places, 'y': packed(values), 'name': name,
-         'line': {'color': colour, 'width': 2}, 'marker': {'size': 8, 'symbol': symbol},
-         'hovertemplate': f'%{{y}} µm<extra>{name}</extra>'} for name, values, colour, symbol in series]
-    if noise is not None:
-        data.append({'type': 'scatter', 'mode': 'lines', 'x': ends, 'y': [1e6 * noise] * 2,
-                     'name': 'repeatability', 'line': {'color': COLOURS[2], 'width': 2, 'dash': 'dash'},
-                     'hovertemplate': 'repeatability %{y} µm<extra></extra>'})
-    layout = layout_of(legend=True, margin={'l': 52})
-    layout['xaxis'] = {'tickvals': places, 'ticktext': labels, 'range': ends, 'automargin': True, 'tickangle': 0,
-                       'tickfont': {'size': 11 if len(labels) < 4 else 9}}
-    layout['yaxis'] = {'title': {'text': 'rms / µm'}, 'rangemode': 'tozero'}
-    return figure_of(data, layout)
-
-
 def filling_figure(n: int, cells: Mapping[tuple[int, int], float]) -> PlotlyFigure:
     """Return a map of the ball centres received so far; cells: of CellState."""
     values: list[list[float | None]] = [[None] * n for _ in range(n)]
@@ -300,29 +255,76 @@ def filling_figure(n: int, cells: Mapping[tuple[int, int], float]) -> PlotlyFigu
     return figure_of(data, layout)
 
 
-def budget_height(made: Budget) -> int:
-    """Return the height of budget_figure, px."""
-    return 2 * (15 * len(made.contributions) + 75)
+def plan_view_figure(view: CellView) -> PlotlyFigure:
+    """Return the cell from above: table, balls where they stand, and outside, at each CMM position, its readings.
+
+    The readings of a CMM position lie one behind the other, table position 1 inside.
+    """
+    n, target = view.balls, view.target
+    balls, position = np.arange(1, n + 1), target.table_position if target else 1
+    offset = target.table_offset if target else 0.0
+    places = rotate_z(offset, nominal_places(n, 1.0, position, balls))[:, :2]
+    states = [_state(view, ReadingPlace(position, int(ball), int(at)))
+              for ball, at in zip(balls, cmm_position(n, position, balls))]
+    size, far = max(7.0, min(22.0, 260 / n)), n if n <= MOST_DOTS else 0
+    numbers = np.array(list(product(range(1, far + 1), balls)), dtype=int).reshape(-1, 2)
+    at = cmm_position(n, numbers[:, 0], numbers[:, 1])
+    radius = INNER + (OUTER - INNER) * (numbers[:, 0] - 1) / max(1, n - 1)
+    spoke = TWO_PI * (at - 1) / n + offset
+    dots = radius[:, None] * np.stack([np.cos(spoke), np.sin(spoke)], axis=-1)
+    kinds = [_state(view, ReadingPlace(int(i), int(j), int(k))) for (i, j), k in zip(numbers, at)]
+    data: list[PlotlyFigure] = [
+        {'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': name, 'marker': {**look, 'size': 10}}
+        for name, look in LOOKS.items()]
+    data += [_marks(name, places, states, 'ball %{customdata[1]}, CMM position %{customdata[2]}', size, True,
+                    np.column_stack([np.full(n, position), balls, cmm_position(n, position, balls)]))
+             for name in LOOKS]
+    data += [_marks(name, dots, kinds, 'table position %{customdata[0]}, ball %{customdata[1]}, CMM position '
+                    '%{customdata[2]}', max(4.0, min(9.0, 80 / n)), False, np.column_stack([numbers, at]))
+             for name in LOOKS if far]
+    turned = target.table_angle if target else 0.0
+    layout = layout_of(legend=True, margin={'l': 4, 'r': 4, 't': 34, 'b': 4})
+    layout['shapes'] = [
+        {'type': 'circle', 'x0': -TABLE, 'x1': TABLE, 'y0': -TABLE, 'y1': TABLE, 'line': {'color': SOFT, 'width': 1.5},
+         'fillcolor': FAINT, 'layer': 'below'},
+        {'type': 'line', 'x0': 0, 'y0': 0, 'x1': TABLE * np.cos(turned), 'y1': TABLE * np.sin(turned),
+         'line': {'color': SOFT, 'width': 2}}]
+    layout['annotations'] = [_note(0, -0.25 if np.sin(turned) > -0.2 else 0.25, _place_words(view))]
+    layout['annotations'] += [_note(NAMES * np.cos(angle), NAMES * np.sin(angle), str(number))
+                              for number, angle in enumerate(nominal_angles(n) + offset, 1)
+                              if n <= MOST_DOTS and (n <= 18 or number % 3 == 1)]
+    free = {'visible': False, 'fixedrange': True}
+    layout |= {'xaxis': {**free, 'range': [-2.6, 2.6]}, 'yaxis': {**free, 'range': [-2.6, 2.6], 'scaleanchor': 'x'}}
+    return figure_of(data, layout)
 
 
-def budget_figure(made: Budget) -> PlotlyFigure:
-    """Return bars: standard uncertainty of each curve by contribution, the longest on top, and what they make."""
-    names = [*(one.name for one in made.contributions), 'combined']
-    kinds = [*('hidden' if one.is_bound else one.kind for one in made.contributions), '']
-    values, labels = np.vstack([*(one.mean for one in made.contributions), made.mean]), list(dict.fromkeys(names))
-    data, layout = [], _panels(2, 3, gap=(0.08, 0.25), legend=True, margin={'l': 190})
-    for place, (curve, unit) in enumerate(zip(CURVES, CURVE_UNITS, strict=True), 1):
-        for kind, (label, look) in BARS.items():
-            rows = [row for row, one in enumerate(kinds) if one == kind]
-            data.append({
-                'type': 'bar', 'orientation': 'h', 'y': [names[row] for row in rows],
-                'x': packed(1e6 * values[rows, place - 1]), 'name': label, 'legendgroup': label,
-                'showlegend': place == 1 and bool(rows), 'marker': look, **_axes(place),
-                'hovertemplate': f'%{{y}}: u = %{{x:.3f}} {unit}<extra>{curve}</extra>'})
-        y = {'categoryorder': 'array', 'categoryarray': labels[::-1], 'automargin': False,
-             'showticklabels': place % 3 == 1, 'tickfont': {'size': 11}}
-        _set_panel(layout, place, {'rangemode': 'tozero', 'nticks': 4}, y, f'<b>{curve}</b> u / {unit}')
-    return figure_of(data, layout | {'barmode': 'overlay', 'bargap': 0.25})
+def _place_words(view: CellView) -> str:
+    if view.target is None:
+        return ''
+    return f'table position {view.target.table_position}<br>{np.rad2deg(view.target.table_angle) % 360:.1f}°'
+
+
+def _state(view: CellView, place: ReadingPlace) -> str:
+    if view.target and view.is_waiting and place[:2] == (view.target.table_position, view.target.ball):
+        return CURRENT
+    return DONE if place in view.done else FAILED if place in view.failed else OPEN
+
+
+def _marks(name: str, places: Floats, states: Collection[str], words: str, size: float, numbered: bool,
+           data: Any) -> PlotlyFigure:
+    """Return the marks of one state; numbered: with the number of the ball."""
+    which = np.array([state == name for state in states], dtype=bool)
+    return {'type': 'scatter', 'mode': 'markers+text' if numbered and size > 14 else 'markers', 'name': name,
+            'showlegend': False, **{axis: packed(places[which, place])
+                                                            for place, axis in enumerate('xy')},
+            'text': [str(one) for one in data[which, 1]], 'textposition': 'middle center',
+            'textfont': {'size': 11}, 'customdata': packed(data[which]),
+            'marker': {**LOOKS[name], 'size': size, 'opacity': 0.55 if numbered and name != OPEN else 1.0},
+            'hovertemplate': f'{words}<extra>{name}</extra>'}
+
+
+def _note(x: float, y: float, words: str) -> PlotlyFigure:
+    return {'x': x, 'y': y, 'text': words, 'showarrow': False, 'font': {'size': 12}}
 
 
 # What all figures have

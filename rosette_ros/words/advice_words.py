@@ -24,7 +24,7 @@ def advice_words(advice: Advice) -> str:
         what = counted(more, 'more effect') if more else f'more of {titles([best.worst_effect])}'
         parts.append(f'Order {best.label} shows {what} in {_time(best.duration / present.duration - 1)}.')
     if never := [name for name in advice.wanted if best.shares[name].hidden]:
-        parts.append(f'No order here shows {titles(never)}: repeat balls after turning the table the other way, or '
+        parts.append(f'No order shows {titles(never)}: repeat balls after turning the table the other way, or '
                      'check it with another instrument.')
     return ' '.join(parts)
 

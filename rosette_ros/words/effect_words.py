@@ -77,6 +77,11 @@ def plain_name(name: str) -> str:
     return known.plain if known else ''
 
 
+def title_of(name: str) -> str:
+    """Return the plain title of an effect, its name where it has none."""
+    return plain_name(name) or name
+
+
 def words_of(name: str) -> str:
     """Return an effect in words with its identifier: 'creep of the plate (plate_creep)'."""
     return f'{plain_name(name)} ({name})' if plain_name(name) else name

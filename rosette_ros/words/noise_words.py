@@ -12,21 +12,22 @@ def noise_words(noise: NoiseFacts) -> list[str]:
     if noise.resolution:
         out.append(f'the readings are rounded to {micrometres(noise.resolution)}')
     if noise.worse:
-        worse = names(f'{_axes(axes)} repeat{"s" * (len(axes) == 1)} {ratio:.1f} times' for axes, ratio in noise.worse)
-        out.append(f'{worse} worse than {_axes(noise.than)}')
+        worse = names(f'along {_axes(axes)} is {ratio:.1f} times' for axes, ratio in noise.worse)
+        out.append(f'the scatter {worse} that along {_axes(noise.than)}')
     if noise.tail:
-        out.append(f'single {noise.tail}s stand out more than a normal distribution allows (Student, '
+        out.append(f'single {noise.tail}s are farther off than a normal distribution allows (Student, '
                    f'{noise.tail_dof:g} degrees of freedom)')
     if noise.noisiest:
         where, *alike = noise.noisiest
         same = f' (this run cannot tell it from {" or ".join(alike)})' if alike else ''
         out.append(f'{where} scatters {noise.factor:.1f} times as much as the others{same}')
     if noise.walk:
-        out.append(f'the frame wanders: a random walk of {micrometres(noise.walk)} over the run')
+        out.append(f'the frame drifts at random by {micrometres(noise.walk)} over the run (random walk)')
     elif noise.wander:
-        out.append(f'the frame wanders by {micrometres(noise.wander)} within about {noise.readings:.0f} readings')
+        out.append(f'the frame drifts to and fro by {micrometres(noise.wander)} within about {noise.readings:.0f} '
+                   'readings')
     elif noise.correlation:
-        out.append(f'successive readings are correlated, coefficient {noise.correlation:.1f}')
+        out.append(f'consecutive readings are correlated, coefficient {noise.correlation:.1f}')
     return out
 
 
@@ -42,7 +43,7 @@ def noise_actions(noise: NoiseFacts) -> list[str]:
     if noise.tail:
         out.append('clean balls and stylus (readings that stand out have less weight)')
     if noise.noisiest:
-        out.append(f'look at {noise.noisiest[0]}')
+        out.append(f'check {noise.noisiest[0]}')
     if noise.walk or noise.wander or noise.correlation:
         out.append('look for draughts, vibration and changes of temperature of the frame, or measure faster')
     return out

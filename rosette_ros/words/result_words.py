@@ -12,6 +12,7 @@ from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.number_words import micrometres, multiple, p_words
+from rosette_ros.words.effect_words import capital, names, title_of
 from rosette_ros.words.noise_words import noise_words
 
 DOES_NOT_FIT = 'The model does not fit: the residual is more than noise.'
@@ -39,7 +40,7 @@ def conclusion_text(conclusion: Conclusion) -> ConclusionText:
         JointOutcome.REFUTED: (f'{who} {do} not fit one model: {residual}{lack}.',
                                'Diagnose each run.'),
         JointOutcome.IN_PART: (f'{who} fit{s} one model without: {items}; {residual}.',
-                               'Find out why it differs between the runs.'),
+                               'Find out why these differ between the runs.'),
         JointOutcome.UNKNOWN: (f'Whether one model fits cannot be said, as the repeatability is not known; {residual}.',
                                'Measure the repeatability before the run.'),
         JointOutcome.FITS: (f'{who} fit{s} one model: {residual}.', 'Nothing needs to be done.')}[conclusion.outcome]
@@ -51,11 +52,11 @@ def comparison_words(comparison: Comparison) -> str:
     chi = comparison.fit.reduced_chi_square
     times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
     places = sorted((one for one in comparison.distinct if one.p < UNLIKELY), key=lambda one: one.p)
-    where = ''.join(f', at {one.label} {one.keys[one.worst]}' for one in places[:3])
-    like = 'are alike' if comparison.neighbour_correlation > 0 else 'differ more than by chance'
-    alike = f'; successive readings {like}' if comparison.neighbour_p < UNLIKELY else ''
-    return (f'The residual is {micrometres(comparison.fit.rms)}{times}; it is largest along '
-            f'{AXES[int(np.argmax(comparison.axis_rms))]}{where}{alike}.')
+    where = names([f'along {AXES[int(np.argmax(comparison.axis_rms))]}', *(
+        f'at {one.label} {one.keys[one.worst]}' for one in places[:3])])
+    sign = '' if comparison.neighbour_correlation > 0 else 'negatively '
+    alike = f'; consecutive readings are {sign}correlated' if comparison.neighbour_p < UNLIKELY else ''
+    return f'The residual is {micrometres(comparison.fit.rms)}{times}. It is largest {where}{alike}.'
 
 
 def check_words(check: CrossCheck) -> str:
@@ -65,15 +66,16 @@ def check_words(check: CrossCheck) -> str:
         parts.append(f'The residual of this run falls from {micrometres(check.before.rms)} to '
                      f'{micrometres(check.after.rms)}.')
     if check.carried is not None:
-        parts.append('With the amplitudes of the first run, and none fitted, the residual is '
+        parts.append('With the amplitudes of the first run and nothing fitted, the residual is '
                      f'{micrometres(check.carried.rms)}.')
     if words := '; '.join(noise_words(noise_facts(check.after))):
-        parts.append(f'The noise of this run, which all this takes into account, is not white and equal: {words}.')
-    return ' '.join(parts) or 'Nothing was learnt, so there is nothing to check.'
+        parts.append(f'The noise of this run is not white and equal, which is taken into account: {words}.')
+    return ' '.join(parts) or 'No effect was found in the first run, so there is nothing to check.'
 
 
 def _checked(one: CheckedEffect) -> str:
+    title = capital(title_of(one.name))
     if one.outcome == CONFIRMED:
         size = {True: ', with the same size', False: ', with another size', None: ''}[one.same_size]
-        return f'{one.name} is confirmed{size}.'
-    return f'{one.name} {"is not seen" if one.outcome == NOT_SEEN else "cannot be checked"}: {one.reason}.'
+        return f'{title} is confirmed{size}.'
+    return f'{title} {"is not seen" if one.outcome == NOT_SEEN else "cannot be checked"}: {one.reason}.'

@@ -14,6 +14,7 @@ from rosette_ros.certificate.pages import to_pdf
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
+from rosette_ros.presentation.tables import curves
 
 
 def pages_of(data):
@@ -44,7 +45,8 @@ def test_an_engineer_finds_what_is_asked_for():
                   'The model fits', 'conforms', 'not decidable', 'Decision rule: ISO 14253-1', 'Clamped as in use & <'):
         assert words in first, words
     for line in certificate.sets[0].lines:
-        assert f'{line.curve} ({line.name}) {"µm" if line.curve[1] == "t" else "µrad"}' in first
+        assert f'{line.curve} ({line.name}) / {"µm" if line.curve[1] == "t" else "µrad"}' in first
+    assert 'U, which does not contain thermal expansion and the scale of the CMM' in first
     for words in ('What is not known', 'means of ctx, cty', 'SHA-256', certificate.files[0].sha256, 'rosette_ros 0.1.0',
                   'signature', 'B. Leiter, head of laboratory', 'table angle in degrees'):
         assert words in second, words
@@ -58,12 +60,15 @@ def test_the_two_times_say_what_they_are_of():
 
 
 def test_the_budget_stands_on_the_pages():
-    """Each contribution, what they make together, what is not considered; within two pages."""
+    """Each contribution, what they make together, what is not considered, values per angle; 12 balls in two pages."""
     _, certificate, data = made('budget')
     pages = pages_of(to_pdf(certificate, data, 'cert.xml'))
     assert len(pages) == 2
     for one in certificate.budget.contributions:
         assert one.name in ' '.join(pages)
+    assert 'U, which does not contain the scale of the CMM' in pages[0]
+    for row in curves(certificate.sets[0].motions).rows:
+        assert ' '.join(row).replace('\n', ' ') in ' '.join(pages)
     for words in ('Uncertainty budget (GUM)', 'combined u', 'U (k = 2)', 'effective dof', 'Not considered:',
                   'Effects that this order of measurement hides', 'is that of the uncertainty budget', 'signature'):
         assert words in ' '.join(pages), words

@@ -28,7 +28,7 @@ def test_a_certificate_is_written_and_agrees_with_its_run(rosette, refused, make
     answer = rosette(*command)
     out = ' '.join(answer.out.split())
     assert answer.code == 0, answer.err
-    for words in ('ctx (EXC) µm', 'Not stated (an auditor asks for it): city of the laboratory, name of the customer',
+    for words in ('ctx (EXC) / µm', 'Not stated (an auditor asks for it): city of the laboratory, name of the customer',
                   str(xml), str(pdf)):
         assert words in out
     assert pdf.read_bytes().startswith(b'%PDF')

@@ -54,7 +54,7 @@ def test_drift_makes_neighbours_alike(rosette):
     assert got['failing']
     assert got['neighbours']['correlation'] > 0.3
     assert got['neighbours']['p'] < 1e-6
-    assert 'successive readings are alike' in got['summary']
+    assert 'consecutive readings are correlated' in got['summary']
 
 
 def test_a_clean_run_fails_nowhere(rosette):

@@ -130,7 +130,7 @@ def test_the_table_for_a_person(rosette, make_table):
     """Both names of every curve, units, expanded uncertainty, what cannot be known; no colour."""
     out = rosette('evaluate', make_table()).out
     for word in ('ctx', 'EXC', 'cty', 'EYC', 'ctz', 'EZC', 'crx', 'EAC', 'cry', 'EBC', 'crz',
-                 'ECC', 'µm', 'µrad', 'U (k=2)', 'repeatability of 0.100 µm', 'eccentricity'):
+                 'ECC', 'µm', 'µrad', 'U (k = 2)', 'repeatability of 0.100 µm', 'eccentricity'):
         assert word in out
     assert '\x1b' not in out
     assert max(len(line) for line in out.splitlines() if 'rosette add' not in line) <= 100

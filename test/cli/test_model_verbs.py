@@ -37,7 +37,7 @@ def test_add_makes_the_file_from_the_base_model(rosette, model):
     assert content(model) == {'schema': 'rosette-model/1', 'base': BASE,
                               'effects': ['frame_drift']}
     assert [path.name for path in model.parent.iterdir()] == ['model.yaml']
-    assert 'cmm_deviations + frame_drift' in answer.out
+    assert 'deviations of the CMM + drift of the probe relative to the table' in answer.out
 
 
 def test_remove_gives_the_file_back_as_it_was(rosette, model):
@@ -140,7 +140,7 @@ def test_a_term_of_ones_own(rosette, model):
     assert content(model)['effects'] == [{'own': 'wave', 'direction': 'z',
                                           'expression': 't*cos(3*alpha)', 'per': 'all'}]
     out = ' '.join(answer.out.split())
-    assert 'cmm_deviations + wave (t*cos(3*alpha) along z)' in out
+    assert 'deviations of the CMM + wave (t*cos(3*alpha) along z)' in out
     assert 'Amplitude of a custom term: what it adds where its expression is 1, with t in s, T in K and' in out
     answer = rosette('evaluate', simulated_table(), '--model', model)
     assert '+ wave (t*cos(3*alpha) along z) (rank' in ' '.join(answer.out.split())

@@ -88,7 +88,7 @@ def test_a_frame_that_wanders_does_not_confirm_a_drift():
         walk = 10 * SIGMA * np.cumsum(rng.standard_normal((still.size, 3)), axis=0) / np.sqrt(still.size)
         check = cross_check(still.replace(centre=still.centre + walk), drifting)
         outcomes.append(check.effects[0].outcome)
-    assert ', is not white and equal: the frame wanders' in check_words(check)
+    assert ', is not white and equal, which is taken into account: the frame drifts' in check_words(check)
     assert outcomes.count('confirmed') <= 1, outcomes
 
 
@@ -105,7 +105,7 @@ def test_a_fall_no_larger_than_chance_is_none(creeping):
     entry, = cross_check(machine_run(13), creeping).effects
     assert entry.cross_validation_with < entry.cross_validation_without
     assert entry.outcome == 'not seen'
-    assert entry.reason == 'the residual falls with it by no more than chance makes it fall (p = 0.14)'
+    assert entry.reason == 'the residual falls with it by no more than chance (p = 0.14)'
 
 
 def test_an_order_that_hides_it_cannot_check_it(creeping):
@@ -153,7 +153,7 @@ def test_nothing_learnt_is_nothing_checked():
     assert found.missing == ()
     check = cross_check(machine_run(8), found)
     assert check.effects == () and check.confirmed is None
-    assert check_words(check) == 'Nothing was learnt, so there is nothing to check.'
+    assert check_words(check) == 'No effect was found in the first run, so there is nothing to check.'
 
 
 def test_every_effect_says_what_it_shares_with_the_next_run():

@@ -220,9 +220,9 @@ def test_comparison_says_where_it_fails():
     assert np.allclose(clean.axis_rms, SIGMA, rtol=0.2)
     run = synthetic_run(8, 'random', 4, noise=SIGMA)[0]
     drift = 2e-6 * run.time / run.time[-1]
-    for moved, words in ((drift, 'are alike'), (2e-7 * (-1.0)**np.arange(run.size), 'differ more than by chance')):
+    for moved, words in ((drift, 'correlated'), (2e-7 * (-1.0)**np.arange(run.size), 'negatively correlated')):
         comparison = compare(fit(run.replace(centre=run.centre + moved[:, None] * np.eye(3)[0])))
-        assert f'; successive readings {words}.' in comparison_words(comparison)
+        assert f'; consecutive readings are {words}.' in comparison_words(comparison)
 
 
 @pytest.mark.parametrize('name, draws, tolerance', [('', 400, 0.04), ('frame_drift', 400, 0.05),

@@ -109,15 +109,15 @@ def test_noise_is_told_as_noise():
 
 def test_what_noise_is_like_stands_in_the_sentence():
     """The words for each kind; each axis is compared with the one that repeats best, the advice names the worse."""
-    for make, words in ((KINDS['tail reading'], 's stand out more than a normal distribution allows (Student, '),
-                        (KINDS['wander'], 'successive readings are correlated, coefficient 0.'),
-                        (KINDS['wander of a walk'], 'the frame wanders')):
+    for make, words in ((KINDS['tail reading'], 's are farther off than a normal distribution allows (Student, '),
+                        (KINDS['wander'], 'consecutive readings are correlated, coefficient 0.'),
+                        (KINDS['wander of a walk'], 'the frame drifts at random')):
         assert words in verdict_text(judge(noisy(make(0)))).sentence
     assert 'CMM position 7 scatters ' in verdict_text(judge(noisy(KINDS['by CMM position'](0), 0, 'row'))).sentence
     for axes, words, look in (
-            ((5, 1, 1), r'x repeats [45]\.\d times worse than [yz]\.', 'the slide of x'),
-            ((1, 1, 4), r'z repeats [34]\.\d times worse than x and y\.', 'the slide of z'),
-            ((6, 2, 1), r'x repeats [567]\.\d times and y repeats [12]\.\d times worse than z\.',
+            ((5, 1, 1), r'the scatter along x is [45]\.\d times that along [yz]\.', 'the slide of x'),
+            ((1, 1, 4), r'the scatter along z is [34]\.\d times that along x and y\.', 'the slide of z'),
+            ((6, 2, 1), r'the scatter along x is [567]\.\d times and along y is [12]\.\d times that along z\.',
              'the slide of x and y')):
         verdict = judge(noisy(white(5)[0] * axes, 5))
         assert re.search(words, verdict_text(verdict).sentence)

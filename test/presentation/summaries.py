@@ -8,7 +8,10 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.simulation import Machine, MachineConfig
 
-HIDDEN = {'clean': [], 'drift': [{'kind': 'frame_drift', 'rate_um_per_h': [2.5, 0.0, 1.5]}]}
+HIDDEN = {'clean': [], 'drift': [{'kind': 'frame_drift', 'rate_um_per_h': [2.5, 0.0, 1.5]}],
+          'three': [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]},
+                    {'kind': 'plate_warp', 'rate_um_per_h': 6.0},
+                    {'kind': 'ball_slip', 'ball': 5, 'shift_um': [2.0, 1.0, 0.0], 'at_h': 0.5}]}
 OFF = {'cmm': {'correction': False}}
 CONDITIONS = ({}, {'clamping': {'plate_turn_deg': 90.0}}, OFF, {**OFF, 'table': {'axial_correction': False}},
               {'table': {'angular_correction': False}}, {})

@@ -11,7 +11,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import CURVES
 from rosette_ros.presentation.plots import comparison_plots
 from rosette_ros.presentation.plots.plot_style import figure, label_of, panels, scale
-from rosette_ros.presentation.plots.result_plots import LAYOUT, differences
+from rosette_ros.presentation.plots.result_plots import differences
 from rosette_ros.presentation.report.page_parts import inline_svgs
 
 
@@ -65,7 +65,7 @@ def test_differences_are_drawn_in_their_panels():
     rng = np.random.default_rng(0)
     values = 1e-7 * rng.standard_normal((3, 6, 6))
     made = differences(['a', 'b', 'c'], nominal_angles(6), values, np.full(6, 1e-8))
-    for panel, curve in zip(made.axes, LAYOUT, strict=True):
+    for panel, curve in zip(made.axes, CURVES, strict=True):
         assert panel.get_title(loc='left').startswith(curve)
         drawn = [line for line in panel.lines if line.get_marker() != 'None' and len(line.get_xdata()) == 7]
         for line, one in zip(drawn, values, strict=True):

@@ -75,7 +75,8 @@ def test_settings_have_units_and_words():
     assert setting_words('cmm_reversal', {'first': '+-'}) == 'before they turn back, x moves + and y −'
     assert setting_words('an effect of mine', {'first': 3, 'last': 2.5}) == 'first 3, last 2.5'
     assert setting_words('cmm_reversal', {'first': 'unknown'}) == 'the first senses of x and y are not known'
-    assert model_words(Model().with_effect('frame_warmup', {'tau': 600.0})).endswith(' + frame_warmup (tau 10 min)')
+    warming = Model().with_effect('frame_warmup', {'tau': 600.0})
+    assert model_words(warming).endswith(' + warm-up of the machine (tau 10 min)')
 
 
 @pytest.mark.parametrize(('axis', 'words'), [

@@ -10,10 +10,9 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI, nominal_angles
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation.plots.plot_style import save
-from rosette_ros.presentation.plots.result_plots import Series, deviations, freed_plate, six_curves
+from rosette_ros.presentation.plots.result_plots import Series, deviations, freed_plate, polar_motions, six_curves
 
 N = 8
-UNITS = {'ctx': 'µm', 'cty': 'µm', 'ctz': 'µm', 'crx': 'µrad', 'cry': 'µrad', 'crz': 'µrad'}
 ISO = {'ctx': 'EXC', 'cty': 'EYC', 'ctz': 'EZC', 'crx': 'EAC', 'cry': 'EBC', 'crz': 'ECC'}
 
 
@@ -40,12 +39,12 @@ def panels(made):
 
 
 def test_every_curve_has_its_panel_with_both_names_and_the_unit(motions):
-    """Translations in µm on the left, rotations in µrad on the right."""
+    """Translations in µm above, rotations in µrad below; the unit stands at the first panel of a row."""
     found = panels(six_curves([Series('measured', motions)]))
-    assert set(found) == set(CURVES)
+    assert list(found) == list(CURVES)
     for curve, axes in found.items():
         assert axes.get_title(loc='left').startswith(f'{curve} ({ISO[curve]})')
-        assert axes.get_ylabel() == UNITS[curve]
+    assert [axes.get_ylabel() for axes in found.values()] == ['µm', '', '', 'µrad', '', '']
 
 
 def test_numbers_are_drawn_in_micro_units_against_degrees(motions):
@@ -66,7 +65,7 @@ def test_a_band_that_is_much_wider_is_not_drawn(motions):
     wide = replace(motions, u=np.full((N, 6), 5e-6))
     made = six_curves([Series('final', motions), Series('base', wide)])
     words = [text.get_text() for text in made.legends[0].get_texts()]
-    assert 'bands: U (k = 2); one 4 times as wide is not drawn' in words
+    assert 'bands: U (k = 2); much wider ones are not drawn' in words
     for curve, axes in panels(made).items():
         first, last = CURVES.index(curve), CURVES.index(curve) + 6.0 * (N - 1)
         assert len(axes.collections) == 1
@@ -101,6 +100,18 @@ def test_truth_and_several_runs_have_their_own_look_and_legend(motions):
     assert first.get_marker() != second.get_marker()
     red, green, blue, _ = legend.legend_handles[-1].get_facecolor()
     assert red == green == blue, 'the bands of all runs, not that of the first'
+
+
+def test_polar_plots_have_the_reference_circle(motions):
+    """Its centre is the once-per-turn part, its radius that of the circle of no deviation and the mean."""
+    wave = np.cos(motions.angle - 0.5)
+    panel = polar_motions(replace(motions, values=motions.values * 0 + 1e-6 * (1 + 2 * wave)[:, None])).axes[0]
+    [circle] = [line for line in panel.lines if line.get_linestyle() == '--']
+    [base] = [line for line in panel.lines if line.get_linewidth() == 0.9]
+    x, y = circle.get_data()
+    centre = np.array([(x.max() + x.min()) / 2, (y.max() + y.min()) / 2])
+    assert np.arctan2(*centre[::-1]) == pytest.approx(0.5, abs=0.01)
+    assert 2 * (np.ptp(x) / 2 - np.ptp(base.get_xdata()) / 2) == pytest.approx(np.hypot(*centre), rel=0.01)
 
 
 @pytest.mark.parametrize(('ending', 'begin'), [('png', b'\x89PNG'), ('svg', b'<?xml')])

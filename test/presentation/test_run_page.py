@@ -18,9 +18,9 @@ from rosette_ros.presentation.report import Source, open_source, report_html, wr
 from rosette_ros.presentation.report.verification import verification_html, verify
 from rosette_ros.words.verdict_words import verdict_text
 
-ORDER = ['verdict', 'measured', 'unknown', 'curves', 'values', 'deviations', 'residuals', 'ladder',
-         'candidates', 'visibility', 'conditions']
-FIGURES = ['curves', 'polar', 'budget', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'noise',
+ORDER = ['verdict', 'curves', 'fails', 'seen', 'measured', 'uncertainty', 'unknown', 'values', 'deviations',
+         'residuals', 'ladder', 'candidates', 'visibility', 'conditions']
+FIGURES = ['curves', 'residual_maps', 'polar', 'budget', 'deviations', 'residuals_against', 'histogram', 'noise',
            'spectrum', 'ladder', 'candidates', 'shapes', 'pairs', 'visibility']
 
 
@@ -97,9 +97,10 @@ def test_conditions_hold_what_is_needed_to_repeat_the_report(tmp_path):
     _, source = open_source(path)
     page = report_html(summary_of('drift'), source, 'rosette report run.csv')
     texts = Page(page).texts
-    text = texts['measured'] + texts['conditions']
+    text = (texts['measured'] + texts['conditions']).replace('\u00a0', ' ')
     for words in (hashlib.sha256(path.read_bytes()).hexdigest(), '8 balls on R = 182.5 mm', 'random',
-                  'degrees of freedom', '°C at the start', 'off nominal', 'schema: rosette-model/1', '- frame_drift',
+                  'degrees of freedom', '°C at the start', 'Table anglesnominal', 'schema: rosette-model/1',
+                  '- frame_drift',
                   'rosette report run.csv', 'numpy ', 'scipy ', 'Python ', 'rosette_ros '):
         assert words in text
 

@@ -108,7 +108,7 @@ def test_parameters_that_are_not_determined_are_one_line():
     assert [row[1:5] for row in table.rows] == [
         ('b', '+1.00', '±0.20', 'µm'), ('a_1_2 … a_3_3 (6)', '–', 'not determined', 'µm'),
         ('c', '–', 'not determined', 'µrad')]
-    assert table.note == 'Not determined: the readings do not tell these from other parameters of the model.'
+    assert table.note == 'Not determined: cannot be told from other parameters of the model.'
     assert size_words('ball_form', parameters, {}) == (
         'b +1.00 ±0.20 µm, a_1_2 … a_3_3 (6) – not determined µm, c – not determined µrad')
     assert not effects([('ball_form', {}, parameters[:1])], 'Effects').note

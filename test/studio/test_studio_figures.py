@@ -6,41 +6,31 @@ from base64 import b64decode
 import numpy as np
 import pytest
 
-from rosette_ros.analysis import analyse, diagnose, ladder
-from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.model.model import Model
+from rosette_ros.analysis import analyse
 from rosette_ros.core.scheme import plan
-from rosette_ros.core.uncertainty_budget import budget
 from rosette_ros.io.messages import Phase, Target
 from rosette_ros.presentation.formatting import signed
 from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.figures import (
+    CURRENT,
+    DONE,
+    FAILED,
     MOST_CELLS,
+    MOST_DOTS,
     MOST_MARKS,
+    OPEN,
     Curves,
-    budget_figure,
     curves_figure,
     filling_figure,
-    ladder_figure,
     maps_figure,
+    plan_view_figure,
     reading_in_map,
     reading_in_time,
-    shape_figure,
     time_figure,
 )
 from rosette_ros.studio.live_state import CellView, ReadingPlace
 from rosette_ros.studio.panels.open_dialog import safe_name
-from rosette_ros.studio.round_figures import (
-    CURRENT,
-    DONE,
-    FAILED,
-    MOST_DOTS,
-    OPEN,
-    plan_view_figure,
-    plate_figure,
-    polar_figure,
-)
 
 TARGET = Target('a', 1, 1, 1, Phase.RUN, 5, 0.18, 1, 1, 1, 0.0, 1, (0.0, 0.0, 0.0), 'table', 0)
 
@@ -55,17 +45,6 @@ def numbers(array):
 def fit():
     """Return the fit of a run of five balls."""
     return analyse(Machine(MachineConfig().changed(seed=2, plate={'balls': 5})).run(plan(5, 'random')))
-
-
-def test_bars_of_the_budget_are_its_contributions(fit):
-    """µm and µrad, one panel for each curve; u of all together is the last bar."""
-    made = budget(fit, BudgetInputs({'radius': {'u_um': 1e-6}}))
-    figure = budget_figure(made)
-    combined = [one for one in figure['data'] if one['name'] == 'combined u']
-    assert len(combined) == 6 and len(figure['data']) == 24
-    np.testing.assert_allclose([numbers(one['x'])[0] for one in combined], 1e6 * made.mean, rtol=1e-6)
-    radius = [one for one in figure['data'] if one['y'] == ['radius']][5]
-    assert numbers(radius['x'])[0] == pytest.approx(1e6 * made.contributions[-1].mean[5], rel=1e-6)
 
 
 @pytest.fixture(scope='module')
@@ -115,26 +94,6 @@ def test_the_cell_is_seen_from_above():
     assert drawn(answered, CURRENT, True) == set() and (2, 3, 4) in drawn(answered, DONE, True)
     large = plan_view_figure(CellView(MOST_DOTS + 1, target, True, done, failed))
     assert sum(len(one.get('text', ())) for one in large['data']) == MOST_DOTS + 1
-
-
-def test_polar_plots_have_the_reference_circle(fit):
-    """Deviation outwards with U; mean and once-per-turn part of the curve are those of the circle."""
-    figure = polar_figure([Curves('now', fit.error_motions, AFTER)])
-    panel = {one.get('name', 'band'): one for one in figure['data'] if one['subplot'] == 'polar2'}
-    values = 1e6 * fit.error_motions['cty']
-    assert numbers(panel['now']['r'])[:-1] == pytest.approx(values, rel=1e-6)
-    theta, radius = (numbers(panel['reference circle'][key]) for key in ('theta', 'r'))
-    left = values - np.interp(np.rad2deg(fit.error_motions.angle), theta, radius)
-    for wave in (np.ones(values.size), np.cos(fit.error_motions.angle), np.sin(fit.error_motions.angle)):
-        assert abs(left @ wave) < 1e-3
-
-
-def test_the_plate_lies_true_and_lacks_what_was_not_measured(fit):
-    """Its values are free of shift, tilt and turn; a ball that is not known has no mark."""
-    figure = plate_figure(np.where(np.arange(5)[:, None] == 2, np.nan, fit.plate), fit.run.radius)
-    values = numbers(figure['data'][2]['customdata'])
-    assert figure['data'][2]['text'] == ['1', '2', '4', '5']
-    assert np.abs(values.sum(axis=0)).max() < 1e-3
 
 
 @pytest.mark.parametrize('run', ['fit', 'large'])
@@ -207,16 +166,6 @@ def test_large_series_show_their_extremes(large):
         assert np.all(np.diff(numbers(trace['x'])) >= 0)
 
 
-def test_the_ladder_marks_what_is_only_proposed(fit):
-    """Errors of fit and cross-validation of each model, the repeatability; proposals with a question mark."""
-    steps = ladder(fit.run, Model().with_effect('frame_drift'))
-    figure = ladder_figure(steps, 1, 1e-7)
-    assert figure['layout']['xaxis']['ticktext'] == ['base model', '<i>+ frame_<br>drift ?</i>']
-    assert numbers(figure['data'][0]['y']) == pytest.approx([1e6 * step.fit.rms for step in steps], rel=1e-6)
-    assert numbers(figure['data'][1]['y']) == pytest.approx([1e6 * step.cross_validation for step in steps], rel=1e-6)
-    assert figure['data'][2]['y'] == pytest.approx([0.1, 0.1])
-
-
 def test_ball_centres_fill_the_map_as_they_are_received():
     """Those not received yet are gaps."""
     values = filling_figure(3, {(1, 2): 5e-6})['data'][0]['z']
@@ -231,21 +180,3 @@ def test_ball_centres_fill_the_map_as_they_are_received():
 def test_names_of_uploads_mean_nothing_to_the_system(name, kept):
     """Only their last part is kept, without what could be taken for more."""
     assert safe_name(name) == kept
-
-
-def test_a_recovered_shape_stands_beside_its_claim():
-    """Curves in µm against minutes with U (k = 2), dashed what is claimed; the strongest ones."""
-    drift = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
-    machine = Machine(MachineConfig().changed(seed=2, plate={'balls': 6}, hidden=[drift]))
-    found = diagnose(machine.run(plan(6, 'random')))
-    shape, = found.recovered
-    assert shape.claim == 'frame_drift'
-    data = shape_figure(shape)['data']
-    bands, lines, claims = data[::3], data[1::3], data[2::3]
-    assert len(lines) == len(shape.curves) <= 3
-    for curve, band, line, claim in zip(shape.curves, bands, lines, claims):
-        assert numbers(line['x']) == pytest.approx(shape.values / 60, rel=1e-6)
-        assert numbers(line['y']) == pytest.approx(1e6 * curve.value, rel=1e-5)
-        assert numbers(line['customdata']) == pytest.approx(2e6 * curve.u, rel=1e-5)
-        assert numbers(band['y']).max() == pytest.approx(1e6 * (curve.value + 2 * curve.u).max(), rel=1e-5)
-        assert claim['name'] == 'claimed' and numbers(claim['y']) == pytest.approx(1e6 * curve.claimed, rel=1e-5)

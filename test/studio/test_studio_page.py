@@ -67,8 +67,8 @@ def test_the_budget_is_calculated_on_request(shared_page, tmp_path):
     result, go = page.get_by_test_id('budget-result'), page.get_by_test_id('budget-go')
     go.click()
     expect(result).to_contain_text('repeatability x')
-    expect(result).to_contain_text('Form of the balls: not stated (ball_form).')
-    expect(result.locator('.js-plotly-plot .barlayer .trace').first).to_be_visible()
+    expect(result).to_contain_text('form of the balls (ball_form)')
+    expect(result.get_by_test_id('budget-figure').locator('svg')).to_be_visible()
     inputs = tmp_path / 'inputs.yaml'
     inputs.write_text('schema: rosette-budget/1\nradius: {u_um: 1.0, words: MPE}\n')
     page.get_by_test_id('budget-inputs').fill(str(inputs))
@@ -130,9 +130,9 @@ def test_a_chosen_reading_is_seen_everywhere(shared_page):
     page = shared_page
     maps, times, curves = (page.get_by_test_id(f'{name}-figure') for name in ('maps', 'times', 'curves'))
     expect(curves.locator('.scatterlayer .trace').nth(11)).to_be_attached()
-    expect(page.get_by_test_id('polar-figure').locator('.polarlayer .trace').nth(15)).to_be_attached()
-    page.get_by_text('Ball plate', exact=True).click()
-    expect(page.get_by_test_id('plate-figure')).to_contain_text('without eccentricity')
+    expect(page.get_by_test_id('polar-figure').locator('svg')).to_be_attached()
+    page.get_by_text('Ball plate and CMM', exact=True).click()
+    expect(page.get_by_test_id('plate-figure')).to_contain_text('Removed from the plate: eccentricity')
     lines, framed = times.locator('.shapelayer path').count(), maps.locator('.shapelayer path')
     expect(framed).to_have_count(0)
     maps.locator('.draglayer .nsewdrag').first.click()
@@ -204,7 +204,7 @@ def test_a_second_run_is_uploaded_laid_over_and_checked(page, studio, second):
     expect(page.get_by_test_id('overlay-result')).to_contain_text('with U (k = 2) of both runs')
     page.get_by_text('Check on a second run').click()
     page.get_by_test_id('check-go').click()
-    expect(page.get_by_test_id('check-result')).to_contain_text('frame_drift is confirmed')
+    expect(page.get_by_test_id('check-result')).to_contain_text('Drift of the probe relative to the table is confirmed')
 
 
 def test_a_run_is_opened_by_its_path_and_another_is_chosen(shared_page, second):

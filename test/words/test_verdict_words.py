@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdicts in words, from facts alone."""
 
+from pathlib import Path
+
 from rosette_ros.core.diagnosis.diagnosis import Unnamed
 from rosette_ros.core.diagnosis.verdict import MissingEffect, Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.presentation.formatting import glued
-from rosette_ros.words.cause_words import MOVES, does_words
 from rosette_ros.words.effect_words import between_words
-from rosette_ros.words.verdict_words import chance, unexplained_words, unnamed_words, verdict_text
+from rosette_ros.words.verdict_words import MOVES, chance, does_words, unexplained_words, unnamed_words, verdict_text
 
+PACKAGE = Path(__file__).parents[2] / 'rosette_ros'
+PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'observable share', 'searched values', 'Judged is',
+           'stands twice; remove', 'norm of the part', 'NAMED EFFECT', 'is expected;', 'Bias of the curves per',
+           'ct without it', 'p (noise alone)', 'are free of:', 'No three-rosette run can know')
+"""Of these each interface says what the reader sees instead."""
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
 
 
@@ -58,3 +64,14 @@ def test_every_effect_says_what_it_does():
 def test_numbers_keep_their_units():
     """At the end of a line, too."""
     assert glued('from 0.36 µm to 3 % in 2 min') == 'from 0.36\u00a0µm to 3\u00a0% in 2\u00a0min'
+    assert glued('U (k = 2) ± 0.3, 0.2 → 0.1') == 'U (k\u00a0=\u00a02) ±\u00a00.3, 0.2\u00a0→\u00a00.1'
+
+
+def test_words_that_a_metrologist_would_not_use_are_gone():
+    """From all that people read; and no shell command from studio, report and certificate."""
+    found = [(path.name, word) for path in PACKAGE.rglob('*') if path.suffix in ('.py', '.j2')
+             for word in PRIVATE if word in path.read_text('utf-8')]
+    commands = [(path.name, word) for folder in ('words', 'studio', 'presentation')
+                for path in (PACKAGE / folder).rglob('*') if path.suffix in ('.py', '.j2')
+                for word in ('pip install', '`rosette ', '(--identity') if word in path.read_text('utf-8')]
+    assert (found, commands) == ([], [])

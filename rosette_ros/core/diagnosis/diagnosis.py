@@ -111,6 +111,11 @@ class Finding:
     probability_of_unnamed: float
 
     @property
+    def with_cause(self) -> Fit | None:
+        """The Fit with the cause found; None where nothing that has a name is missing."""
+        return self.final if self.missing else None
+
+    @property
     def verdict(self) -> Verdict:
         """The one decision."""
         return decide(self.fit, self.final, self.missing, self.unnamed, self.claims, self.doubtful, self.invisible,

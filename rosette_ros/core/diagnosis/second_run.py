@@ -116,7 +116,7 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
 
 def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[str, str] | None:
     if effect.carries == 'nothing':
-        return EVENT, 'an event of the run it was learnt on, which need not come again'
+        return EVENT, 'an event of the first run, which need not happen again'
     reason = effect.unavailable(before.run)
     if reason:
         return NOT_JUDGED, reason
@@ -168,8 +168,8 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
         outcome, reason = CONFIRMED, 'it is there'
         if not (p < UNLIKELY / len(pairs) and error_with < error_without):
             outcome = NOT_SEEN
-            reason = ('the error of the cross-validation does not fall with it' if not error_with < error_without else
-                      f'the residual falls with it by no more than chance makes it fall (p = {p:.2g})')
+            reason = ('the cross-validation error does not fall with it' if not error_with < error_without else
+                      f'the residual falls with it by no more than chance (p = {p:.2g})')
             if strength < DETECTABLE:
                 outcome, reason = TOO_WEAK, (f'at the size learnt it stands {strength:.1f} sigma above the noise here, '
                                              'too little to be decided')

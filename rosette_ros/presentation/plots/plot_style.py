@@ -3,6 +3,7 @@
 
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -111,13 +112,20 @@ def look_of(place: int) -> dict[str, Any]:
 
 def legend(made: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """Write a legend below the panels of a figure, which grows by its lines."""
-    columns = max(1, min(len(labels), int(72 * WIDTH / (0.6 * TEXT * max(map(len, labels)) + 36))))
+    columns = next(count for count in range(len(labels), 0, -1) if count == 1 or _legend_width(labels, count) < WIDTH)
     lines, height, place = 0.19 * -(-len(labels) // columns), made.get_figheight(), made.subplotpars
     made.set_figheight(height + lines)
     bottom, top = ((part * height + lines) / (height + lines) for part in (place.bottom, place.top))
     made.subplots_adjust(bottom=bottom, top=top)
     made.legend(handles, labels, loc='lower center', ncols=columns, frameon=False, fontsize=TEXT, borderaxespad=0.1,
                 labelspacing=0.3)
+
+
+def _legend_width(labels: Sequence[str], columns: int) -> float:
+    """Return about how wide a legend is, inch; matplotlib fills it column by column."""
+    per_column = [len(labels) // columns + (place < len(labels) % columns) for place in range(columns)]
+    ends = np.cumsum([0, *per_column])
+    return sum(0.55 * TEXT * max(map(len, labels[a:b])) + 36 for a, b in pairwise(ends)) / 72
 
 
 def legend_of(made: Figure, panels: Iterable[Axes]) -> None:

@@ -22,7 +22,7 @@ ANGLES = {angle: str(angle) for angle in range(0, 301, 60)}
 AXES = ('x', 'y', 'z')
 LOOKS = ((style.BEFORE, 3.4, style.DASHED), (style.AFTER, 2.4, '-'))
 """Colour, size of the dots and line of their mean, before and after the identified effects are added."""
-MAP, ROW, WAVES = 2.0, 2.75, 1.7
+MAP, ROW, WAVES = 1.4, 2.15, 1.7
 """Heights in inches: of a residual map, of a row of them, of a map of waves."""
 SECTIONS, LEAST_MEAN = 12, 6
 """Most means of neighbours along a line, and how many readings one is made of at least."""
@@ -65,7 +65,7 @@ def residual_maps(rows: Sequence[Residuals]) -> Figure:
             panel = made.add_axes((0.065 + 0.29 * axis, bottom, 0.275, MAP / height))
             _map(panel, grid[..., axis], limit, 'x' if axis else 'xy')
             style.title(panel, f'residual in {name}', **CENTRED)
-            panel.set_xlabel('ball', **SMALL)
+            panel.set_xlabel('ball', labelpad=2, **SMALL)
             if axis == 0:
                 panel.set_ylabel('table position', **SMALL)
     axes = made.add_axes((0.98, bottom, 0.012, 1 - 0.4 / height - bottom))
@@ -188,7 +188,7 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
         where = np.linspace(edges[0], edges[-1], 241)
         density = np.exp(-0.5 * (where / shown)**2) / (shown * np.sqrt(2 * np.pi))
         panel.plot(where, size * width * density, color=style.INK, linewidth=1.4, linestyle=':',
-                   label=f'noise alone, σ = {fixed(spread, 3)} µm')
+                   label=f'expected of noise, σ = {fixed(spread, 3)} µm')
     panel.set(xlim=(edges[0], edges[-1]), xlabel='residual of a coordinate in µm',
               ylabel='number of coordinates')
     style.scale(panel, grid='y', steps=(8, 4))
@@ -226,8 +226,9 @@ def spectrum_maps(rows: Sequence[SpectrumRow], noise: float | None = None) -> Fi
         style.colour_bar(made.add_axes((0.965, bottom, 0.014, WAVES / height)), 0, limit, 'µm', True, 'cividis')
     if noise is not None:
         n = len(rows[0].spectrum.waves)
-        made.text(0.995, 0.004, f'noise alone: about {1e6 * noise / n:.2g} µm in z, {1e6 * noise * np.sqrt(2) / n:.2g} '
-                  'µm in x and y; hatched: absorbed by the base model', ha='right', va='bottom', **SMALL)
+        made.text(0.995, 0.004, f'expected of noise: about {1e6 * noise / n:.2g} µm in z, '
+                  f'{1e6 * noise * np.sqrt(2) / n:.2g} µm in x and y; hatched: absorbed by the base model',
+                  ha='right', va='bottom', **SMALL)
     return made
 
 

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from rosette_ros.core.error_summary import AxisError, error_lines, once_per_turn
 from rosette_ros.core.geometry import nominal_angles, rigid_motion
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, fixed, iso_name
@@ -18,9 +19,7 @@ from rosette_ros.presentation.plots import plot_style as style
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
 MEANING = {'ctx': 'radial in x', 'cty': 'radial in y', 'ctz': 'axial', 'crx': 'tilt about x',
            'cry': 'tilt about y', 'crz': 'angular positioning'}
-LAYOUT = ('ctx', 'crx', 'cty', 'cry', 'ctz', 'crz')
-"""Translations on the left, rotations on the right."""
-INCH = {'panels': 4.5, 'title': 0.3, 'foot': 0.42, 'head': 0.25}
+INCH = {'panels': 2.3, 'title': 0.3, 'foot': 0.42, 'head': 0.25}
 TRUE_LOOK: dict[str, Any] = {
     'color': style.INK, 'linewidth': 1.3, 'linestyle': style.DASHED, 'marker': 'x', 'markersize': 5, 'zorder': 5}
 EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+'})
@@ -33,6 +32,11 @@ WIDE = 4.0
 MOST_NUMBERS = 20
 LEAST_LIMIT = 1e-3
 """Of the colours of deviations, µm."""
+POLAR = ('ctx', 'cty', 'crx', 'cry')
+BASE = 1.0
+"""Radius of the circle of no deviation; the largest deviation is drawn as LARGEST of it."""
+LARGEST = 0.55
+TURN = np.linspace(0, 2 * np.pi, 361)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +67,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
     made, grid = _empty_panels(heading, series[0].motions.rotation)
     known: dict[str, Any] = {}
     are_all_drawn = True
-    for panel, curve in zip(grid, LAYOUT, strict=True):
+    for panel, curve in zip(grid, CURVES, strict=True):
         drawn = _are_drawn(series, curve)
         are_all_drawn &= drawn == [one.banded for one in series]
         lines = [_draw(panel, one, curve, place, drawn[place]) for place, one in enumerate(series)]
@@ -71,7 +75,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
             lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)]), **TRUE_LOOK)
         known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
     if panel.collections:
-        words = '' if are_all_drawn else f'; one {WIDE:g} times as wide is not drawn'
+        words = '' if are_all_drawn else '; much wider ones are not drawn'
         known[f'bands: U (k = {COVERAGE_FACTOR}){words}'] = Patch(color=style.GREY, alpha=0.25, linewidth=0)
     style.legend(made, [*lines, *known.values()], [*labels, *known])
     return made
@@ -80,14 +84,15 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
 def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Figure, Any]:
     top = INCH['head'] + (INCH['title'] if heading else 0)
     height = INCH['panels'] + INCH['foot'] + top
-    made = style.figure(height, left=0.088, right=0.99, bottom=INCH['foot'] / height, top=1 - top / height, hspace=0.26,
-                        wspace=0.2)
-    grid = style.panels(made, 3, 2)
-    for panel, curve in zip(grid.flat, LAYOUT, strict=True):
+    made = style.figure(height, left=0.075, right=0.985, bottom=INCH['foot'] / height, top=1 - top / height,
+                        hspace=0.28, wspace=0.22)
+    grid = style.panels(made, 2, 3)
+    for panel, curve in zip(grid.flat, CURVES, strict=True):
         panel.axhline(0, color=style.INK, linewidth=0.8)
         panel.set_xlim(-8, 368)
-        style.title(panel, f'{curve} ({iso_name(curve, rotation)}), {MEANING[curve]}')
-        panel.set_ylabel(CURVE_UNITS[CURVES.index(curve)])
+        style.title(panel, f'{curve} ({iso_name(curve, rotation)}), {MEANING[curve]}', fontsize=style.TEXT)
+        if panel in grid[:, 0]:
+            panel.set_ylabel(CURVE_UNITS[CURVES.index(curve)], labelpad=2)
         style.scale(panel, ANGLES, numbers='xy' if panel in grid[-1] else 'y')
     for panel in grid[-1]:
         panel.set_xlabel('table angle in degrees')
@@ -131,7 +136,7 @@ def differences(labels: Sequence[str], angle: Floats, values: Floats, spread: Fl
     noise explains, a band of two; reference: (6,), dashed; rotation: as of Run.
     """
     made, grid = _empty_panels(rotation=rotation)
-    for panel, curve in zip(grid, LAYOUT, strict=True):
+    for panel, curve in zip(grid, CURVES, strict=True):
         which = CURVES.index(curve)
         panel.axhspan(-2e6 * spread[which], 2e6 * spread[which], color='#999999', alpha=0.18, linewidth=0)
         if reference is not None:
@@ -215,3 +220,53 @@ def _axes_cross(panel: Axes, radius: float) -> None:
                  width=0.004)
     panel.text(x + 1.15 * length, y, 'x', ha='left', va='center', fontsize=style.SMALL, color=style.GREY)
     panel.text(x, y + 1.15 * length, 'y', ha='center', va='bottom', fontsize=style.SMALL, color=style.GREY)
+
+
+def polar_motions(motions: ErrorMotions) -> Figure:
+    """Return a figure of four polar plots, µm and µrad.
+
+    The reference circle is the least-squares one: its offset from the centre is the once-per-turn part of the error,
+    the distance of the curve from it the rest."""
+    made, handles = style.figure(2.45), list[Any]()
+    lines = {line.curve: line for line in error_lines(motions)}
+    for place, curve in enumerate(POLAR):
+        panel = made.add_axes((0.005 + 0.25 * place, 0.12, 0.24, 0.8))
+        handles = _polar_panel(
+            panel, 1e6 * motions[curve], COVERAGE_FACTOR * 1e6 * motions.uncertainty(curve), motions.angle,
+            CURVE_UNITS[CURVES.index(curve)], lines[curve])
+        style.title(panel, f'{curve} ({iso_name(curve, motions.rotation)}), {MEANING[curve]}', fontsize=style.TEXT)
+    style.legend(made, handles, ['measured', f'U (k = {COVERAGE_FACTOR})', 'no deviation',
+                                 'reference circle (least squares)'])
+    return made
+
+
+def _polar_panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: str, line: AxisError) -> list[Any]:
+    """Draw one curve (n,) with its U; return the handles of the legend."""
+    top = float(np.max(np.abs(values) + expanded)) or 1.0
+    per_unit = LARGEST * BASE / top
+    theta = np.append(angle, angle[0] + 2 * np.pi)
+    radius, spread = (per_unit * np.append(one, one[0]) for one in (values, expanded))
+    grey: dict[str, Any] = {'color': style.GRID, 'linewidth': 0.6, 'zorder': 0}
+    for degrees in range(0, 360, 60):
+        x, y = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+        panel.plot([0, 1.62 * x], [0, 1.62 * y], **grey)
+        panel.text(1.74 * x, 1.74 * y, f'{degrees}°', ha='center', va='center', fontsize=style.SMALL, color=style.GREY)
+    base, = panel.plot(BASE * np.cos(TURN), BASE * np.sin(TURN), color=style.GREY, linewidth=0.9)
+    edge = np.concatenate([BASE + radius + spread, (BASE + radius - spread)[::-1]])
+    around = np.concatenate([theta, theta[::-1]])
+    band, = panel.fill(edge * np.cos(around), edge * np.sin(around), color=style.AFTER, alpha=0.2, linewidth=0)
+    curve, = panel.plot((BASE + radius) * np.cos(theta), (BASE + radius) * np.sin(theta), color=style.AFTER,
+                        linewidth=1.3, marker='o', markersize=3)
+    once = once_per_turn(values, angle)
+    mean = BASE + per_unit * float(np.mean(values))
+    circle, = panel.plot(per_unit * once.real + mean * np.cos(TURN), per_unit * once.imag + mean * np.sin(TURN),
+                         color=style.BEFORE, linewidth=1.1, linestyle=style.DASHED)
+    length = scale_arrow(top)
+    panel.plot([-1.8, -1.8 + per_unit * length], [-2.05, -2.05], color=style.INK, linewidth=1.4, marker='|')
+    for x, y, text in ((-1.65 + per_unit * length, -2.05, f'{length:g} {unit}'),
+                       (-1.9, -2.42, f'range {fixed(1e6 * line.range, 2)} {unit}'),
+                       (-1.9, -2.84, f'residual {fixed(1e6 * line.residual, 2)} {unit}')):
+        panel.text(x, y, text, ha='left', va='center', fontsize=style.SMALL, color=style.INK)
+    panel.set(xlim=(-2.15, 2.15), ylim=(-2.97, 1.9), aspect='equal')
+    panel.axis('off')
+    return [curve, band, base, circle]

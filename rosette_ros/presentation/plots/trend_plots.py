@@ -95,7 +95,7 @@ def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns:
     names = list(dict.fromkeys(name for name, _ in charts))
     rows = -(-len(names) // columns)
     height = 0.4 + rows
-    made = style.figure(height, left=0.05, bottom=0.35 / height, right=0.975, top=1 - 0.25 / height, wspace=0.3,
+    made = style.figure(height, left=0.05, bottom=0.42 / height, right=0.975, top=1 - 0.25 / height, wspace=0.3,
                         hspace=0.95)
     panels = style.panels(made, rows, columns)
     when = date2num(list(dates))

@@ -35,8 +35,9 @@ def open_with_files(path: Path | str, run_id: str | None = None) -> tuple[Readin
 
 def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: str = '',
                pictures: Mapping[str, Figure] | None = None, identity: Identity | None = None,
-               contradictions: Sequence[str] = ()) -> str:
-    """Return the report of a JointResult as one HTML text; pictures: where they are drawn already."""
+               contradictions: Sequence[str] = (), annexed: bool = False) -> str:
+    """Return the report of a JointResult as one HTML text; pictures: where they are drawn already; annexed: as of
+    `report_html`."""
     identity = identity or Identity()
     pictures = pictures or joint_pictures(result)
     runs = result.solution.model.runs
@@ -52,7 +53,7 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
         values=[table.name for table in results.joint_curves(result)], k=text.COVERAGE_FACTOR, software=software(),
         numbers={name: place for place, name in enumerate(pictures, 1)},
         simulated=simulated_words(simulated, len(runs)),
-        running=f'{len(runs)} runs as one, the first {runs[0].name}{" (SIMULATED)" * bool(simulated)}')
+        annexed=annexed, running=f'{len(runs)} runs as one, the first {runs[0].name}{" (SIMULATED)" * bool(simulated)}')
 
 
 def joint_pictures(result: JointResult) -> dict[str, Figure]:

@@ -35,41 +35,44 @@ from rosette_ros.presentation.plots import (
     touch_plots,
 )
 from rosette_ros.presentation.plots.budget_plots import budget_bars
-from rosette_ros.presentation.plots.polar_plots import polar_motions
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
-from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
+from rosette_ros.presentation.plots.result_plots import Series, deviations, polar_motions, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
 from rosette_ros.presentation.table_format import Table
-from rosette_ros.presentation.tables import base_name, curves, tables_of
+from rosette_ros.presentation.tables import base_name, curves, tables_of, weak_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.result_words import comparison_words
-from rosette_ros.words.verdict_words import HEADLINES, title_of, titles, verdict_text
+from rosette_ros.words.verdict_words import HEADLINES, title_of, verdict_text
 
-MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES = 8, 3, 3
-COLUMNS = {'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
+MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES, MOST_WEAK = 8, 3, 3, 5
+COLUMNS = {'candidates': ('title', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
            'spheres': ('ball', 'readings', 'radius_mm', 'form_um', 'largest_form_um', 'systematic_um', 'p', 'moved_um'),
-           'visibility': ('effect', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
-                          'recommended_order_visible_fraction', 'recommended_order_detectable_rms_um', 'remark')}
+           'visibility': ('title', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
+                          'recommended_order_visible_fraction', 'recommended_order_detectable_rms_um', 'remark'),
+           'errors': ('error', 'range_in_unit', 'U_range_in_unit', 'found_range_in_unit', 'U_found_range_in_unit',
+                      'once_per_turn_in_unit', 'residual_in_unit', 'tolerance_in_unit', 'conformity'),
+           'weak': ('title', 'typical_visible_fraction', 'detectable_rms_um', 'recommended_order_visible_fraction')}
 """Columns on the page of tables that are wider than paper; the others are in the files of `--tables`."""
+METHOD = 'Three-rosette method (Kniel et al., Measurement 2019)'
 NO_TOUCHES = 'Single touches are not recorded (topic touches): form of balls and lobing of the probe are not known.'
-KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'), 'angular positioning': (5, 6, 'µrad')}
-"""Columns of the six curves by kind of motion."""
 
 
 def report_html(summary: Summary, source: Source | None = None, command: str = '', overlays: Sequence[Series] = (),
-                pictures: Mapping[str, Figure] | None = None, inputs: BudgetInputs | None = None) -> str:
-    """Return the report of a Summary as one HTML text.
+                pictures: Mapping[str, Figure] | None = None, inputs: BudgetInputs | None = None,
+                annexed: bool = False) -> str:
+    """Return the report of a Summary as one HTML text: three pages on paper, and an annex that is folded.
 
-    pictures: of `pictures_of`, where they are drawn already; inputs: of the uncertainty budget."""
+    pictures: of `pictures_of`, where they are drawn already; inputs: of the uncertainty budget; annexed: whether the
+    annex is open, and so on paper, too."""
     refit, untouched = touches_of(source)
     made = budget_of(summary, refit, inputs)
     pictures = pictures or pictures_of(summary, overlays, refit, made)
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, verdict=verdict_text(summary.verdict), source=source, iso=text.iso_range(run.rotation),
-        headline=HEADLINES[summary.verdict.outcome], command=command, sizes=bars(summary),
+        headline=HEADLINES[summary.verdict.outcome], command=command,
         compared=comparison_words(summary.comparison), pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         advised=advice_words(summary.advice) if summary.advice else '',
         changed=summary.found is not None, now=text.NOW, found=text.FOUND, cross_validation=text.CROSS_VALIDATION,
@@ -80,6 +83,8 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         judged=text.model_words(summary.model), simulated=SIMULATED * run.simulated,
         running=f'{run.run_id or run.source}{" (SIMULATED)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
+        annexed=annexed, most_balls=MOST_BALLS,
+        heading_fit='Where the model fails' if summary.verdict.model_fails else 'How well the model fits',
         elsewhere=[one.label for one in overlays if difference(one.motions, summary.fit.error_motions) is None],
         others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
@@ -118,13 +123,12 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
     run, fits, found = summary.run, fits_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
     rows = [Residuals(label, run, fit.residual) for label, fit in fits]
     now = made.error_motions if made and made.inputs.values else summary.fit.error_motions
-    series = [Series(fits[0][0], now), *(Series(label, fit.error_motions) for label, fit in fits[1:]), *overlays]
+    series = [*(Series(label, fit.error_motions) for label, fit in fits[1:]), Series(fits[0][0], now), *overlays]
     return {
-        'curves': six_curves(series), 'polar': polar_motions(now),
+        'curves': six_curves(series), 'residual_maps': residual_plots.residual_maps(rows), 'polar': polar_motions(now),
         **({'differences': six_curves(less)} if (less := _differences(now, overlays)) else {}),
         **({'budget': budget_bars(made)} if made else {}),
         'deviations': deviations(summary.fit.plate, summary.fit.cmm, run.radius),
-        'residual_maps': residual_plots.residual_maps(rows),
         'residuals_against': residual_plots.against(rows, run.repeatability),
         'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for _, one in fits]),
         'noise': noise_plots.noise(summary.final),
@@ -155,6 +159,7 @@ def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None
                  made: Budget | None = None) -> dict[str, Table]:
     """Return every table by name as it stands on the page: no wider than paper; identity: with tolerances."""
     tables = {table.name: table for table in every_table(summary, identity, refit, made)}
+    tables['weak'] = weak_effects(tables['visibility'], MOST_WEAK)
     for name in tables.keys() & COLUMNS:
         tables[name] = tables[name].select(*COLUMNS[name])
     tables['candidates'] = tables['candidates'].first(MOST_CANDIDATES)
@@ -181,18 +186,16 @@ def every_table(summary: Summary, identity: Identity, refit: SphereRefit | None 
 def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
     """Return what the results of a run do not tell, in sentences."""
     run, every = summary.run, summary.visibilities
-    hidden = [one.name for one in every if not one.reason and one.hidden]
     reasons = [f'{title_of(one.name)} ({one.reason})' for one in every if one.reason]
-    what = ('what the uncertainty budget in Annex A lists' if made and made.inputs.values else
+    what = ('what the uncertainty budget lists' if made and made.inputs.values else
             'the scatter of the readings and the uncertainty of the effects in the model')
     return list(filter(None, (
         *text.not_known(run, summary.fit.gauge),
-        f'This run could not have shown {titles(hidden)}.' if hidden else '',
         f'Not judged: {"; ".join(reasons)}.' if reasons else '',
         'The temperature was not recorded.' if not np.isfinite(run.temperature).any() else '', *(
             f'{note[0].upper()}{note[1:]}.' for note in run.notes),
-        f'U contains {what}; it does not contain effects that are not in the model: what they would add is in Annex '
-        'F.')))
+        'The asynchronous error motion needs several runs.',
+        f'U contains {what}; it does not contain effects that are not in the model.')))
 
 
 def fits_of(summary: Summary) -> list[tuple[str, Fit]]:
@@ -219,29 +222,10 @@ def _visibility(summary: Summary) -> Figure:
         (f'this order: {order_of(summary.run)}', f'recommended: {best.label}' if best else ''))
 
 
-def bars(summary: Summary) -> list[tuple[str, float, str, str]]:
-    """Return the bars beside the verdict, residual before and after, repeatability: label, m, text, class of colour."""
-    fits, noise = fits_of(summary), summary.run.repeatability
-    kinds = ('before', 'after') if len(fits) > 1 else ('after',)
-    sizes = [(f'Residual, {label}', one.rms, kind) for (label, one), kind in zip(fits, kinds, strict=True)]
-    sizes += [('Repeatability of a reading', noise, 'noise')] if noise is not None else []
-    return [(label, size, text.micrometres(size), kind) for label, size, kind in sizes]
-
-
-def spans(fit: Fit) -> list[tuple[str, str, str]]:
-    """Return kind, peak to valley and its U of the error motions of a fit, of the largest curve of each kind."""
-    out = []
-    for kind, (low, high, unit) in KINDS.items():
-        line = max(fit_lines(fit)[low:high], key=lambda one: one.range)
-        digits = text.decimals(1e6 * line.expanded)
-        out.append((kind, f'{text.micro(line.range, digits)} {unit}', f'U {text.micro(line.expanded, digits)} {unit}'))
-    return out
-
-
 def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str, str]]:
     """Return what was measured, when and how, as (name, text) rows."""
     run, fit = summary.run, summary.fit
-    rows = [('Run', run.run_id or run.source),
+    rows = [('Run', run.run_id or run.source), ('Method', METHOD),
             ('Measured by', 'a simulated CMM' if run.simulated else
              'a CMM; nothing in the data says that it is simulated'),
             ('Readings', text.run_size(run)),
@@ -252,10 +236,11 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
-            ('Table angles', f'at most {text.significant(1e6 * np.abs(run.angle_deviation).max())} µrad off nominal'),
+            ('Table angles', text.angle_words(run)),
             ('Uncertainties', text.uncertainty_words(fit)), ('Model', text.model_words(fit.model)),
             ('Model with the cause found', text.model_words(summary.found.model) if summary.found else ''),
-            *(('Data', f'{file.path}, SHA-256 {file.sha256}') for file in (source.files if source else ())),
+            *(('Data', f'{Path(file.path).name}, SHA-256 {file.sha256[:16]}…')
+              for file in (source.files if source else ())),
             ('Software', ', '.join(f'{name} {version}' for name, version in software()[:2]))]
     return [row for row in rows if row[1]]
 

@@ -39,7 +39,7 @@ ROLES = (('(i) all corrected', ()), ('(ii) plate turned', ()), ('(iii) CMM corre
 PAPER = (0.02e-6, 0.2e-6)
 """Reproducibility that the paper states for translations, m, and rotations, rad."""
 SURE = 0.001
-"""Runs of a smaller p (noise alone) differ."""
+"""Runs differ where noise makes such differences with a smaller probability."""
 MAKER_COLUMNS = ('table_angle_deg', 'ctz_um', 'crz_urad')
 LARGEST_FILE = 10_000_000
 DIGITS = tuple(3 if unit == 'µm' else 2 for unit in text.CURVE_UNITS)
@@ -203,13 +203,13 @@ def read_maker(path: Path | str) -> MakerTable:
     if not rows or tuple(rows[0]) != MAKER_COLUMNS:
         raise InvalidData(f'{path}: row 1: wanted the columns {",".join(MAKER_COLUMNS)}, got '
                           f'{",".join(rows[0]) if rows else "an empty file"!r:.80}')
-    numbers = np.array([_numbers(row, path, place) for place, row in enumerate(rows[1:], 2)]).reshape(-1, 3)
+    numbers = np.array([_row_numbers(row, path, place) for place, row in enumerate(rows[1:], 2)]).reshape(-1, 3)
     if len(numbers) < 3:
         raise InvalidData(f'{path}: wanted at least 3 rows of corrections, got {len(numbers)}')
     return MakerTable(np.deg2rad(numbers[:, 0]), 1e-6 * numbers[:, 1], 1e-6 * numbers[:, 2])
 
 
-def _numbers(row: list[str], path: Path | str, place: int) -> list[float]:
+def _row_numbers(row: list[str], path: Path | str, place: int) -> list[float]:
     try:
         numbers = [float(cell) for cell in row]
     except ValueError:
@@ -227,8 +227,9 @@ def _c4(count: int) -> float:
 
 
 def verification_html(verification: Verification, command: str = '',
-                      pictures: Mapping[str, Figure] | None = None) -> str:
-    """Return the report of a Verification as one HTML text; pictures: where they are drawn already."""
+                      pictures: Mapping[str, Figure] | None = None, annexed: bool = False) -> str:
+    """Return the report of a Verification as one HTML text; pictures: where they are drawn already; annexed: as of
+    `report_html`."""
     pictures = pictures or verification_pictures(verification)
     members = verification.members
     files = {(file.path, file.sha256): file for one in members for file in one.source.files}
@@ -239,7 +240,7 @@ def verification_html(verification: Verification, command: str = '',
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
         p=f'{text.P_NOISE} of the differences: {text.p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
-        numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(),
+        numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), annexed=annexed,
         simulated=simulated_words(simulated, len(members)), model=text.model_words(members[0].fit.model),
         running=f'Verification, {len(members)} runs, the first {_name(members[0])}{" (SIMULATED)" * bool(simulated)}')
 
@@ -266,12 +267,12 @@ def _extras(verification: Verification) -> list[Extra]:
 
 
 def _bars(verification: Verification) -> list[tuple[str, list[tuple[str, float, str, str]]]]:
-    """Return two groups of bars, µm and µrad: this cell, noise alone, the paper; as `run_page.bars`."""
+    """Return two groups of bars, µm and µrad: this cell, noise alone, the paper: label, size, text, class of colour."""
     expected = verification.expected[:3].mean(), verification.expected[3:].mean()
     groups = []
     for place, (heading, unit, digits) in enumerate((('Translations', 'µm', 3), ('Rotations', 'µrad', 2))):
         values = (('Reproducibility of these runs', verification.overall[place], 'after'),
-                  ('Noise alone', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
+                  ('Expected of noise', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
         groups.append((f'{heading}, {unit}', [
             (label, value, f'{text.fixed(1e6 * value, digits)} {unit}', kind) for label, value, kind in values]))
     return groups
@@ -293,7 +294,7 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
     """Return the tables of a verification: reproducibility, conditions of the runs, their curves."""
     sizes = np.nanmax(np.abs(verification.differences), axis=(0, 1))
     rows = (('reproducibility', 'these runs', verification.reproducibility),
-            ('expected', 'noise alone', verification.expected), ('paper', 'the paper', np.repeat(PAPER, 3)),
+            ('expected', 'expected of noise', verification.expected), ('paper', 'the paper', np.repeat(PAPER, 3)),
             ('largest_difference', 'largest difference to the mean', sizes))
     reproducibility = Table('reproducibility', 'Reproducibility of each curve: standard deviation over the runs', (
         words('curve', 'curve', text.curve_names(verification.rotation)),

@@ -92,8 +92,8 @@ class ArchivePanel:
             view, questions = map(importlib.import_module, (
                 'rosette_ros.studio.archive_view', 'rosette_ros.archive.archive_questions'))
         except ImportError as error:
-            self._fail(InvalidData(f'archive: wanted the Python package {error.name}, got none; pip install '
-                                   'distributed duckdb fsspec pyarrow'))
+            self._fail(InvalidData(f'archive: wanted the Python package {error.name}, got none; install '
+                                   'distributed, duckdb, fsspec and pyarrow'))
             return
         equal = {'table': self._table.value} if self._runs and self._table.value else {}
         question = questions.Question(equal, self._since.value.strip(), self._until.value.strip(),
@@ -147,7 +147,7 @@ class ArchivePanel:
         view = importlib.import_module('rosette_ros.studio.archive_view')
         curves: list[tuple[str, ErrorMotions]] = await asyncio.to_thread(
             view.curves_of, self._folder.value.strip(), keys, self._runs.model)
-        curves = view.differences(curves) if less_first else curves
+        curves = view.less_earliest(curves) if less_first else curves
         drawn = [Curves(name, motions, COLOURS[place % len(COLOURS)]) for place, (name, motions) in enumerate(curves)]
         words = 'Six error motions less those of the earliest run' if less_first else 'Six error motions'
         self._trend = None
@@ -163,7 +163,7 @@ class ArchivePanel:
             raise InvalidData('wanted one table to be chosen, got several in the list')
         view = importlib.import_module('rosette_ros.studio.archive_view')
         folder, model = self._folder.value.strip(), self._runs.model
-        trend: TableTrend = await self._controller.archivist.run(view.table_trend, folder, table, model)
+        trend: TableTrend = await self._controller.ask('trend', view.table_trend, folder, table, model)
         self._trend, history = trend, trend.history
         self._draw(f'Table {table or "without serial number"}: the six errors over time, with U (k = 2); shaded: '
                    'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,

@@ -14,11 +14,9 @@ from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.records import Run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, glued, micro, words_of
+from rosette_ros.presentation.formatting import MEANINGS, duration, glued, micro, words_of
 from rosette_ros.presentation.identity_words import SIMULATED
-from rosette_ros.presentation.plots.shape_plots import MOST_CURVES
-from rosette_ros.presentation.report.run_page import spans
-from rosette_ros.studio import figures
+from rosette_ros.presentation.plots.shape_plots import shapes
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row
@@ -63,8 +61,6 @@ class VerdictPanel:
                     marked(ui.label('').classes(name), f'verdict-{name}') for name in ('outcome', 'sentence'))
                 self._causes = widgets.Area(marked(ui.element('div'), 'verdict-causes'))
                 self._action = marked(ui.label('').classes('action'), 'verdict-action')
-                self._spans = widgets.Area(marked(ui.element('div').classes('spans').props(
-                    'role=group aria-label="Peak to valley of the largest curve of each kind"'), 'spans'))
                 with ui.element('div').classes('progress small') as self._progress:
                     ui.spinner(size='18px').props('aria-hidden=true')
                     self._step = marked(ui.label(''), 'step')
@@ -106,20 +102,10 @@ class VerdictPanel:
             one.set_visibility(bool(missing) and self._controller.session.preview is None)
             one.set_text(f'{verb} {what}')
         self._causes.show(self._show_causes, verdict)
-        self._spans.show(self._show_spans, spans(results.fit) if results.fit else [])
 
     def _show_causes(self, verdict: Verdict | None) -> None:
         if verdict and verdict.missing:
             widgets.plain_table(causes(verdict))
-
-    def _show_spans(self, every: list[tuple[str, str, str]]) -> None:
-        ui.label('Peak to valley').classes('soft')
-        for kind, size, spread in every:
-            with ui.element('span'):
-                ui.label(f'{kind}: ')
-                ui.label(size).classes('strong')
-                ui.label(f' ({spread})')
-        ui.label(f'(k = {COVERAGE_FACTOR})').classes('soft')
 
 
 class CandidatesPanel:
@@ -143,7 +129,7 @@ class CandidatesPanel:
 
     def _explain(self) -> None:
         effect = MEANINGS.get(self._other.value or '')
-        self._meaning.set_text(f'{effect.meaning} Look at: {effect.look}' if effect else '')
+        self._meaning.set_text(f'{effect.meaning} Check: {effect.look}' if effect else '')
 
     def show(self, _: OpenedRun) -> None:
         """Show the candidates."""
@@ -172,7 +158,7 @@ class CandidatesPanel:
         for place, shape in enumerate(shape for shape in diagnosis.recovered if not shape.claim):
             with marked(ui.element('article').classes('candidate claimed'), f'shape-{place}'):
                 ui.label(f'No name: {shape.words}.').classes('small')
-                _draw(shape)
+                _draw_shape(shape)
         if others:
             with ui.expansion('The next best').props('dense').classes('small'), \
                     ui.element('div').classes('list'):
@@ -193,7 +179,7 @@ class CandidatesPanel:
                 ui.label(MEANINGS[one.effect].meaning).classes('small')
             widgets.fact_list(tables.candidates([one], run).select(*columns))
             for shape in shapes:
-                _draw(shape)
+                _draw_shape(shape)
             with row():
                 button('Preview', lambda: apply(self._on_preview, one), 'visibility', f'preview-{one.effect}',
                        hint=f'Show what adding {one.effect} would change')
@@ -201,11 +187,10 @@ class CandidatesPanel:
                        hint=f'Add {one.effect} to the model')
 
 
-def _draw(shape: Shape) -> None:
+def _draw_shape(shape: Shape) -> None:
     """Show what was recovered of a shape, with its band, beside the claim."""
     words = f'What is recovered against {shape.variable}' + (', beside the claim' if shape.claim else '')
-    widgets.Figure(90 + 120 * min(len(shape.curves), MOST_CURVES), words, 'shape-figure').draw(
-        (shape,), figures.shape_figure, shape)
+    widgets.Figure(0, words, 'shape-figure').draw((shape,), shapes, [shape])
 
 
 class CrossCheckPanel:

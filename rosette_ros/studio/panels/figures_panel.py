@@ -15,12 +15,12 @@ from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.formatting import FOUND, NOW, words_of
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
+from rosette_ros.presentation.plots.result_plots import deviations, polar_motions
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row
-from rosette_ros.studio.round_figures import plate_figure, polar_figure
 from rosette_ros.studio.studio_session import OpenedRun, Preview
 
 PREVIEWED = 'with preview'
@@ -47,12 +47,12 @@ class FiguresPanel:
             with ui.expansion('Change of the curves', value=False).props('dense').classes('small'):
                 self._changes = Area(ui.element('div'))
         with card('Six error motions, with U (k = 2)', 'curves') as self._curves_card:
-            self._curves = Figure(430, 'Six error motions against the table angle', 'curves-figure', WIDTH)
             self._errors = Area(marked(ui.element('div').classes('small'), 'errors'))
+            self._curves = Figure(430, 'Six error motions against the table angle', 'curves-figure', WIDTH)
             with ui.expansion('Radial and tilt motion, polar', value=True).props('dense').classes('small'):
-                self._polar = Figure(250, 'Polar plots of radial and tilt motion', 'polar-figure', WIDTH)
-            with ui.expansion('Ball plate', value=False).props('dense').classes('small'):
-                self._plate = Figure(320, 'Deviations of the balls of the plate', 'plate-figure')
+                self._polar = Figure(0, 'Polar plots of radial and tilt motion', 'polar-figure')
+            with ui.expansion('Ball plate and CMM', value=False).props('dense').classes('small'):
+                self._plate = Figure(0, 'Deviations of the balls of the plate and of the CMM', 'plate-figure')
             with ui.expansion('Who, what, where', value=False).props('dense').classes('small'):
                 self._identity = Area(marked(ui.element('div').classes('facts'), 'identity'))
         with card('', 'maps') as self._maps_card:
@@ -110,8 +110,8 @@ class FiguresPanel:
         chosen, run = self._chosen(shown), shown.run
         angle = None if chosen is None else float(run.table_angle[chosen] + run.table_offset)
         self._curves.draw((fit, other, angle), figures.curves_figure, curves, angle)
-        self._polar.draw((fit, other), polar_figure, curves)
-        self._plate.draw((shown,), plate_figure, shown.plate, run.radius)
+        self._polar.draw((shown,), polar_motions, shown.error_motions)
+        self._plate.draw((shown,), deviations, shown.plate, shown.cmm, run.radius)
         self._maps.draw((shown, fit, chosen), figures.maps_figure, shown, fit, chosen)
         self._times.draw((shown, after, chosen), figures.time_figure, shown,
                          AFTER if after is None or shown is after else BEFORE, chosen)
@@ -153,7 +153,7 @@ def preview_words(change: Change) -> str:
     """Return what a Change does to the errors, and whether it helps."""
     rows = tables.change_errors(change).select('quantity', 'before', 'after', 'unit').rows
     errors = '; '.join(f'{quantity} {before} → {after} {unit}'.strip() for quantity, before, after, unit in rows)
-    judged = 'It helps' if change.helps else 'It is worse than without' if change.hurts else 'It does not help'
+    judged = 'It helps' if change.helps else 'It makes the error larger' if change.hurts else 'It does not help'
     return f'{judged}: {errors}.'
 
 

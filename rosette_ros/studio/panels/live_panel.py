@@ -19,12 +19,11 @@ from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress, phase_name
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE, SEQUENCER
 from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.figures import Curves, curves_figure, filling_figure
+from rosette_ros.studio.figures import Curves, curves_figure, filling_figure, plan_view_figure
 from rosette_ros.studio.live_state import Fault, Health, NodeHealth
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row
-from rosette_ros.studio.round_figures import plan_view_figure
 
 if TYPE_CHECKING:
     from rosette_ros.studio.cell_watcher import CellWatcher
@@ -231,8 +230,8 @@ class CellWatchers:
                 try:
                     module = importlib.import_module('rosette_ros.studio.cell_watcher')
                 except ImportError as error:
-                    raise CellError(f'live cell: wanted ROS 2 (rclpy and rosette_msgs), got: {error}; use the rosette '
-                                    'of `make setup`, or source a workspace in which it is built') from error
+                    raise CellError(f'live cell: wanted ROS 2 (rclpy and rosette_msgs), got: {error}; start the '
+                                    'studio in a ROS 2 workspace in which they are built') from error
                 while len(self._watchers) >= MOST_CELLS:
                     self._watchers.pop(next(iter(self._watchers))).close()
                 self._watchers[key] = module.CellWatcher(domain, namespace)

@@ -7,12 +7,12 @@ from itertools import zip_longest
 
 from nicegui import ui
 
+from rosette_ros.analysis import LadderStep
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, one_line
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import CROSS_VALIDATION, UNKNOWN, micro
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.figures import ladder_figure
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, input_field, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
@@ -37,8 +37,7 @@ class ModelPanel:
                 self._undo = button('Undo', lambda: act(self._session.undo), 'undo', 'undo', hint='Undo (u)')
                 self._redo = button('Redo', lambda: act(self._session.redo), 'redo', 'redo', hint='Redo (r)')
                 self._last = ui.label('').classes('soft small')
-            with ui.element('div') as self._ladder_box:
-                self._ladder = widgets.Figure(230, 'Error of each model, from the base model on')
+            self._ladder = widgets.Area(marked(ui.element('div').classes('small'), 'ladder'))
 
     def _number(self, words: str, mark: str) -> ui.label:
         with ui.element('div'):
@@ -62,9 +61,7 @@ class ModelPanel:
         self._redo.set_enabled(bool(session.redo_words))
         self._last.set_text(f'last: {session.undo_words}' if session.undo_words else '')
         ladder = results.summary.ladder if results.summary else results.ladder
-        self._ladder_box.set_visibility(bool(ladder))
-        if ladder:
-            self._ladder.draw((ladder, noise), ladder_figure, ladder, len(session.model.terms) + 1, noise)
+        self._ladder.show(_show_ladder, ladder, len(session.model.terms) + 1)
 
     def _show_parts(self, names: Sequence[str], sizes: Sequence[str]) -> None:
         for place, (name, size) in enumerate(zip_longest(names, sizes, fillvalue='')):
@@ -74,6 +71,13 @@ class ModelPanel:
                     marked(ui.label(size).classes('small'), f'size-{name}')
                 button('', partial(self._act, self._session.remove, place), 'close', f'remove-{name}',
                        hint=f'Remove {name} from the model').props('round size=sm')
+
+
+def _show_ladder(ladder: Sequence[LadderStep] | None, present: int) -> None:
+    """Show the error of each model from the base on; those beyond `present` are proposed."""
+    if ladder:
+        icons = ['check' if place < present else 'question_mark' for place in range(len(ladder))]
+        widgets.plain_table(tables.nested_models(ladder).select('model', 'rms_um', 'held_out_rms_um'), icons)
 
 
 class CustomTermPanel:

@@ -13,9 +13,11 @@ from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.presentation.budget_results import contributions, stated_inputs
 from rosette_ros.presentation.error_results import differences
 from rosette_ros.presentation.joint_results import joint_errors, joint_rows, reversal_means, sharing_table
+from rosette_ros.presentation.plots.budget_plots import budget_bars
 from rosette_ros.presentation.plots.plot_style import COLOURS
-from rosette_ros.studio.controller import Controller, ShownTouches
-from rosette_ros.studio.figures import DASHES, Curves, budget_figure, budget_height, curves_figure
+from rosette_ros.studio.calculations import ShownTouches
+from rosette_ros.studio.controller import Controller
+from rosette_ros.studio.figures import DASHES, Curves, curves_figure
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import button, input_field, marked, plain_table, row
@@ -42,7 +44,7 @@ class BudgetPanel:
 
     def show(self, opened: OpenedRun) -> None:
         """Show the budget, where it is of the run and the model that are shown."""
-        self._result.show(_fill_budget, self._controller.of_present(self._controller.budget))
+        self._result.show(_fill_budget, self._controller.answer('budget'))
 
 
 class TouchPanel:
@@ -57,8 +59,7 @@ class TouchPanel:
 
     def show(self, opened: OpenedRun) -> None:
         """Show what was found, where it is of the run that is shown."""
-        kept = self._controller.touches
-        self._result.show(_fill_touches, kept[1] if kept and kept[0] is opened else None)
+        self._result.show(_fill_touches, self._controller.answer('touches'))
 
 
 class RunsPanel:
@@ -94,7 +95,7 @@ class OverlayPanel(RunsPanel):
         """Show the runs that can be chosen, and the result where it is of the run and the model that are shown."""
         runs = {place: one.name for place, one in enumerate(self._controller.session.runs) if one is not opened}
         self._offer(runs, bool(runs), 'Their curves as modelled now.', 'Open a second run first.')
-        self._result.show(_fill_overlay, self._controller.of_present(self._controller.overlaid))
+        self._result.show(_fill_overlay, self._controller.answer('overlay'))
 
 
 class JointPanel(RunsPanel):
@@ -107,7 +108,7 @@ class JointPanel(RunsPanel):
         runs = dict(enumerate(one.name for one in self._controller.session.runs))
         self._offer(runs, len(runs) > 1, 'What they share is taken from the runs, and tested.',
                     'Open a second run of the same cell first.')
-        self._result.show(_fill_joint, self._controller.joint)
+        self._result.show(_fill_joint, self._controller.answer('joint'))
 
 
 def _fill_budget(made: Budget | None) -> None:
@@ -116,8 +117,8 @@ def _fill_budget(made: Budget | None) -> None:
     table = contributions(made)
     plain_table(table)
     ui.label(table.note).classes('soft')
-    widgets.Figure(budget_height(made), 'Standard uncertainty of each curve by contribution', 'budget-figure',
-                   WIDTH).draw((made,), budget_figure, made)
+    widgets.Figure(0, 'Standard uncertainty of each curve by contribution', 'budget-figure').draw(
+        (made,), budget_bars, made)
     plain_table(stated_inputs(made))
     ui.label('Not considered').classes('title')
     for sentence in made.open:
@@ -134,8 +135,7 @@ def _fill_touches(shown: ShownTouches | None) -> None:
             ui.label(name).classes('soft')
             ui.label(words)
     for words, drawn in shown.pictures.items():
-        with ui.element('div').classes('scroll'):
-            ui.html(drawn, sanitize=False).classes('paper').props(f'role=img aria-label="{words}"')
+        widgets.picture(drawn, words)
         ui.label(words).classes('soft')
     for table in shown.tables:
         plain_table(table)
@@ -147,14 +147,14 @@ def _fill_overlay(every: dict[str, ErrorMotions] | None) -> None:
         return
     (first, motions), *others = every.items()
     looks = [(COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)]) for place in range(len(every))]
-    _draw('Six error motions of all runs, with U (k = 2)', [
+    _draw_curves('Six error motions of all runs, with U (k = 2)', [
         Curves(name, one, *look) for (name, one), look in zip(every.items(), looks, strict=True)], 'overlay-figure')
     found = {name: less for name, one in others if (less := difference(one, motions)) is not None}
     for name, _ in others:
         if name not in found:
             ui.label(f'{name}: measured at other table angles; no differences.')
     if found:
-        _draw(f'Differences: each run less {first}, with U (k = 2) of both', [
+        _draw_curves(f'Differences: each run less {first}, with U (k = 2) of both', [
             Curves(name, found[name], *look) for (name, _), look in zip(others, looks[1:], strict=True)
             if name in found], 'overlay-differences')
         table = differences(found)
@@ -177,14 +177,14 @@ def _fill_joint(result: JointResult | None) -> None:
         ui.label(table.title).classes('title')
         plain_table(table)
         ui.label(table.note).classes('soft')
-    _draw('Six error motions of all runs, with U (k = 2)', [
+    _draw_curves('Six error motions of all runs, with U (k = 2)', [
         Curves(one.words, motions, COLOURS[place % len(COLOURS)])
         for place, (one, motions) in enumerate(result.curves)])
     for one, means in zip(result.reversals, reversal_means(result), strict=True):
-        _draw('Reversal: counter-clockwise less clockwise', [Curves('reversal', one.motions, COLOURS[0])])
+        _draw_curves('Reversal: counter-clockwise less clockwise', [Curves('reversal', one.motions, COLOURS[0])])
         plain_table(means)
 
 
-def _draw(words: str, curves: Sequence[Curves], mark: str = '') -> None:
+def _draw_curves(words: str, curves: Sequence[Curves], mark: str = '') -> None:
     ui.label(words).classes('title')
     widgets.Figure(430, words, mark, WIDTH).draw((words,), curves_figure, curves)

@@ -2,18 +2,23 @@
 """What every panel is made of: buttons, cards and figures, with their names for keyboard and screen reader."""
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from threading import Lock
+from typing import Any, TypeVar
 
+from matplotlib.figure import Figure as Picture
 from nicegui import background_tasks, run, ui
 from nicegui.events import ClickEventArguments, GenericEventArguments, Handler
 
-from rosette_ros.presentation.formatting import plain_name
+from rosette_ros.presentation.formatting import glued, plain_name
+from rosette_ros.presentation.report.page_parts import inline_svgs
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.studio.figures import PlotlyFigure
 
 CLICKED = '(event) => emit([event.points[0].curveNumber, event.points[0].pointNumber])'
 """What the browser sends of a click into a figure."""
 Element = TypeVar('Element', bound=ui.element)
+DRAWING = Lock()
+"""Settings of matplotlib are those of the whole process."""
 
 
 def button(words: str, action: Handler[ClickEventArguments], icon: str | None = None, mark: str = '',
@@ -63,6 +68,11 @@ def whole_field(words: str, value: int | None, known: range, mark: str) -> ui.nu
     made = ui.number(words, value=value, validation={
         f'wanted a whole number from {known[0]} to {known[-1]}': lambda given: given is None or given in known})
     return input_field(made.props('hide-bottom-space debounce=400'), mark, 'width: 150px')
+
+
+def picture(drawn: str, words: str, mark: str = '') -> None:
+    """Show a figure of the report, SVG; words: for a screen reader."""
+    marked(ui.html(drawn, sanitize=False), mark).classes('paper').props(f'role=img aria-label="{words}"')
 
 
 class ErrorLine:
@@ -115,7 +125,7 @@ def fact_list(table: Table) -> None:
         for column, text in zip(table.shown, table.rows[0], strict=True):
             if text:
                 ui.label(column.head)
-                ui.label(text)
+                ui.label(glued(text))
 
 
 def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
@@ -131,12 +141,19 @@ def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
                         ui.icon(icons[place - 1] if tag == 'td' else '').props('aria-hidden=true')
                 for column, text in zip(table.shown, row, strict=True):
                     with ui.element(tag).classes('number' if column.number else ''):
-                        ui.label(text)
+                        ui.label(glued(text))
+
+
+def _content_of(make: Callable[..., object], arguments: tuple[object, ...], name: str) -> object:
+    """Return what make(*arguments) draws: Plotly's figure, or one of the report as SVG whose ids begin with a name."""
+    with DRAWING:
+        made = make(*arguments)
+        return str(inline_svgs({name: made})[name]) if isinstance(made, Picture) else made
 
 
 class Figure:
-    """A Plotly figure, drawn in the background and only where it changes; the browser gets none before there is
-    something to draw.
+    """A Plotly figure, or one of the report, drawn in the background and only where it changes; the browser gets none
+    before there is something to draw.
 
     words: for a screen reader; least: width below which it is scrolled, so that its texts do not overlap, px.
     """
@@ -150,7 +167,7 @@ class Figure:
         self._clicked: Callable[[GenericEventArguments], object] | None = None
         self._key: tuple[object, ...] = ()
 
-    def draw(self, key: tuple[object, ...], make: Callable[..., PlotlyFigure], *arguments: object) -> None:
+    def draw(self, key: tuple[object, ...], make: Callable[..., PlotlyFigure | Picture], *arguments: object) -> None:
         """Draw make(*arguments) unless `key` was drawn last; returns at once, and draws the last of several."""
         if key != self._key:
             self._key = key
@@ -163,9 +180,14 @@ class Figure:
             return chosen(int(trace), [int(one) for one in (point if isinstance(point, list) else [point])])
         self._clicked = clicked
 
-    async def _draw(self, make: Callable[..., PlotlyFigure], arguments: tuple[object, ...]) -> None:
-        content = await run.io_bound(make, *arguments)
+    async def _draw(self, make: Callable[..., PlotlyFigure | Picture], arguments: tuple[object, ...]) -> None:
+        content: Any = await run.io_bound(_content_of, make, arguments, f'figure{id(self)}')
         if content is None or self._place.is_deleted:  # the server, or the page, ends
+            return
+        if isinstance(content, str):
+            self._place.clear()
+            with self._place:
+                picture(content, self._words, self._mark)
             return
         if self._plot is not None:
             self._plot.update_figure(content)
