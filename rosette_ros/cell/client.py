@@ -34,7 +34,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals
 from rosette_ros.nodes.environment import check_domain
 from rosette_ros.nodes.graph_node import GraphNode
-from rosette_ros.nodes.liveliness import RESTART, NodeMonitor
+from rosette_ros.nodes.liveliness import RESTART, NodeMonitors
 from rosette_ros.nodes.topic_publishers import TopicPublishers
 
 CANCEL_TIMEOUT = 30.0
@@ -123,8 +123,8 @@ class CellClient(GraphClient):
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
         # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
         # of feedback and events, too.
-        self._monitor = NodeMonitor(self._node, names.SEQUENCER)
-        self._sequencer = TopicPublishers(self._node, names.RUN_STATE, self._monitor)
+        self._monitors = NodeMonitors(self._node)
+        self._sequencer = TopicPublishers(self._node, names.RUN_STATE, self._monitors.of(names.SEQUENCER))
         self._sequencer.on_change = self._on_restart
         self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
         self._node.create_timer(_STEP, self._watch)
@@ -135,7 +135,7 @@ class CellClient(GraphClient):
         super().close()
 
     def _watch(self) -> None:
-        self._monitor.watch()
+        self._monitors.watch()
         self._sequencer.watch()
 
     def wait(self, timeout: float = 10.0) -> None:
@@ -151,7 +151,7 @@ class CellClient(GraphClient):
 
     def running(self, patience: float = SEARCH) -> list[str]:
         """Return which nodes of a cell are found within `patience`, s."""
-        monitors = [NodeMonitor(self._node, name) for name in names.NODES]
+        monitors = [self._monitors.of(name) for name in names.NODES]
         self._spin_until(lambda: all(monitor.count() for monitor in monitors), patience)
         return [monitor.peer for monitor in monitors if monitor.count()]
 

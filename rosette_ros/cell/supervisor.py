@@ -74,7 +74,7 @@ class NodeProcess:
         self.popen.send_signal(number if is_ready else max(number, signal.SIGTERM, key=_ESCALATION))
 
     def kill_hanging(self) -> None:
-        """End one that publishes no heartbeat, and so takes no other signal."""
+        """End one that publishes no status, and so takes no other signal."""
         self.hung = True
         self.popen.send_signal(signal.SIGKILL)
         _wait(lambda: self.has_ended, _STEPS[-1][1])
@@ -92,7 +92,7 @@ class NodeProcess:
         lines = [line for line in self.text().strip().splitlines() if not line.startswith(logged)]
         how = f'was ended by {signal.Signals(-code).name}' if code < 0 else f'ended with exit code {code}'
         if self.hung:
-            return (f'node {self.name} was running (process {self.popen.pid}) but published no heartbeat for '
+            return (f'node {self.name} was running (process {self.popen.pid}) but published no status for '
                     f'{qos.HEARTBEAT_HANGS:g} s and {how}')
         return f'node {self.name} {how}{"".join(f": {x}" for x in lines[-1:])}'
 

@@ -121,7 +121,7 @@ class Evaluator(CellNode):
     def _on_state(self, message: RunState) -> None:
         run_id, now = plain(message.run_id), self.seconds()
         if message.phase != RunState.PHASE_EVALUATION:
-            self.heartbeat.report('')
+            self.status.report('')
         if message.phase == RunState.PHASE_IDLE:
             self._runs.end_all()
             self._reported.clear()
@@ -170,7 +170,7 @@ class Evaluator(CellNode):
                 fit = self._in_use.evaluate(self._runs.to_run(run_id), self._runs.frame(run_id))
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
-                self.heartbeat.report(self._last)  # ends the run: it would wait in vain for error motions
+                self.status.report(self._last)  # ends the run: it would wait in vain for error motions
                 continue
             diagnosis = self._diagnose_after(fit.run)
             model, motions = self._publish(fit, diagnosis)

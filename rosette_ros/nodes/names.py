@@ -33,8 +33,6 @@ SERVICE_EVENT = '/_service_event'
 TABLE_CORRECTOR, JOINT_STATES, CORRECT_POINT = 'table_corrector', 'joint_states', 'table_corrector/correct_point'
 """The node that applies a correction; it runs beside robots and machines, not in the calibration cell."""
 
-ALIVE = 'alive'  # below the name of each node: its heartbeat
-
 TF, TF_STATIC, CLOCK, DIAGNOSTICS = '/tf', '/tf_static', '/clock', '/diagnostics'
 ROSOUT, PARAMETER_EVENTS = '/rosout', '/parameter_events'
 OF_A_DOMAIN = (TF, TF_STATIC, CLOCK)

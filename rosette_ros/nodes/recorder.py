@@ -12,10 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from rosette_msgs.msg import CalibrationEvent, Heartbeat, ProbeTarget, RunState
+from rosette_msgs.msg import CalibrationEvent, ProbeTarget, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
 
@@ -28,6 +29,7 @@ from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WAKE_PERIOD, CellNode, Health, run_node
 from rosette_ros.nodes.interfaces import decoded, interface_class, introspected_service
+from rosette_ros.nodes.liveliness import PROCESS, values_of
 from rosette_ros.nodes.log_recall import find_part, iter_copied, next_part, recall
 from rosette_ros.nodes.log_session import LOG, LogSession, Message, Retention, RunContents
 from rosette_ros.nodes.node_requests import Progress
@@ -73,7 +75,6 @@ TOPICS = (
     RecordedTopic(names.CALIBRATION_EVENT, 'rosette_msgs/msg/CalibrationEvent', Retention.RECENT),
     RecordedTopic(names.CALIBRATE_STATUS, 'action_msgs/msg/GoalStatusArray', Retention.RECENT),
     RecordedTopic(names.STOP_RECORDING + names.SERVICE_EVENT, 'rosette_msgs/srv/StopRecording_Event'),
-    *(RecordedTopic(f'{node}/{names.ALIVE}', 'rosette_msgs/msg/Heartbeat') for node in names.NODES),
     RecordedTopic(names.PARAMETER_EVENTS, 'rcl_interfaces/msg/ParameterEvent', Retention.RECENT),
     RecordedTopic(names.ROSOUT, 'rcl_interfaces/msg/Log', Retention.RECENT),
     *(RecordedTopic(name + names.SERVICE_EVENT, type_name, Retention.RECENT) for name, type_name in (
@@ -84,7 +85,7 @@ TOPICS = (
         (names.CANCEL_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
         (names.START_RECORDING, 'rosette_msgs/srv/StartRecording_Event'))))
 """What a cell publishes; other topics in its namespace are found on the graph."""
-HANDLED = (RunState, Heartbeat, CalibrationEvent)
+HANDLED = (RunState, CalibrationEvent)
 """What means something for the recorder itself."""
 
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,127}')
@@ -110,7 +111,9 @@ class Recorder(CellNode):
         self._simulated_now = 0
         self._last = 'no log yet'
         self._processes: dict[str, str] = {}
+        self._statuses: dict[str, tuple[Any, ...]] = {}  # of each node, as recorded last
         self._subscribed: dict[str, Subscription] = {}
+        self._cell = [f'{self.get_namespace()}/{node}'.lstrip('/') for node in names.NODES]
         self._clock_topic, self._rosout_topic = map(self.resolve_topic_name, (names.CLOCK, names.ROSOUT))
         self._kinds = {self.resolve_topic_name(topic.name): interface_class(topic.type_name) for topic in TOPICS}
         self._not_recorded = set() if self._is_simulated else {self._clock_topic}
@@ -138,14 +141,15 @@ class Recorder(CellNode):
                 return
             log_time = self._simulated_now if self._is_simulated and self._simulated_now else time.time_ns()
             kind = self._kinds.get(topic, object)
-            if kind is ProbeTarget and self._is_of_another_run(data):
+            if (kind is ProbeTarget and self._is_of_another_run(data)) or (
+                    kind is DiagnosticArray and not self._is_news(decoded(data, kind))):
                 return
             message = Message(topic, data, log_time, log_time, self.seconds())
             is_in_log = self._session.take(message) or (self._replace_damaged() and self._session.take(message))
             if is_in_log and kind in RunContents.KINDS:
                 self._contents.receive(kind, message)
             if kind in HANDLED:
-                self._handle(topic, decoded(data, kind))
+                self._handle(decoded(data, kind))
         except InvalidData as error:
             self.get_logger().error(f'{topic}: {error}')
 
@@ -155,10 +159,19 @@ class Recorder(CellNode):
         Raises InvalidData where it is no target at all."""
         return self._session.is_open and bool(decoded(data, ProbeTarget).run_id != self._session.run_id)
 
-    def _handle(self, topic: str, message: Any) -> None:
-        if isinstance(message, Heartbeat):
-            self._processes[topic] = message.process
-        elif isinstance(message, CalibrationEvent):
+    def _is_news(self, message: DiagnosticArray) -> bool:
+        """Return whether a status has another level, message or process than the one before in the same log: a node
+        repeats its status twice a second."""
+        before, log = dict(self._statuses), self._session.directory if self._session.is_open else None
+        for status in message.status:
+            process = values_of(status).get(PROCESS, '')
+            self._statuses[status.name] = log, status.level, status.message, process
+            if process and status.name in self._cell:
+                self._processes[status.name] = process
+        return self._statuses != before
+
+    def _handle(self, message: Any) -> None:
+        if isinstance(message, CalibrationEvent):
             if message.kind == CalibrationEvent.REQUESTED and message.run_id:
                 self._requested = message.run_id, self.seconds()
         else:
@@ -338,12 +351,12 @@ class Recorder(CellNode):
         return Path(self.parameters['log_dir']).expanduser().absolute()
 
     def wake(self) -> None:
-        """Bring what was written to the disk; close the log of a run that is over; update the heartbeat."""
+        """Bring what was written to the disk; close the log of a run that is over; update the status."""
         self._replace_damaged()
         self._session.flush(only_if_due=True)
-        self.heartbeat.report(self._session.failure if self._session.is_open else '')
+        self.status.report(self._session.failure if self._session.is_open else '')
         is_whole = self._is_connected() and self.has_single_publishers
-        self.heartbeat.hears = tuple(self._processes.values()) if is_whole else ()
+        self.status.hears = tuple(self._processes.values()) if is_whole else ()
         if not self.publishers_of(names.RUN_STATE).is_single:  # while no states are used, none tells that it goes on
             self._over_since = max(self._over_since, self.seconds())
         self._close_if_over()
@@ -360,7 +373,7 @@ class Recorder(CellNode):
             session.close()
         except RosetteError as error:
             session.failure = session.failure or str(error)
-        self.heartbeat.report('')
+        self.status.report('')
         if session.failure:
             self._last = f'run {session.run_id}: {session.failure}'
             self.get_logger().error(self._last)
@@ -385,7 +398,7 @@ class Recorder(CellNode):
         values = {'run_id': session.run_id, 'messages': session.messages, 'lost': session.lost}
         if session.failure:
             return ERROR, session.failure, values
-        return OK, f'recording run {session.run_id}: {session.messages} messages', values
+        return OK, f'recording run {session.run_id}', values
 
 
 main = partial(run_node, names.RECORDER, Recorder)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -31,7 +32,7 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata, written_file
-from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import recorder as recorder_module
@@ -92,6 +93,31 @@ def test_names_of_runs_are_compared_whole(recorder, tmp_path, other):
         receive(recorder, 'probe_target', ProbeTarget(header=Header(frame_id='row'), run_id=run_id, seq=1, attempt=1))
     assert stop(recorder, 'row').success
     assert [target.run_id for target in read_log(tmp_path / 'row').targets] == ['row']
+
+
+def status_of(node, message, process='1', level=b'\0', **values):
+    """Return the DiagnosticArray of a node's status."""
+    values = {'process': f'{node} {process}', **values}
+    return DiagnosticArray(status=[DiagnosticStatus(level=level, name=f'rosette/{node}', message=message, values=[
+        KeyValue(key=key, value=value) for key, value in values.items()])])
+
+
+def test_a_status_is_recorded_when_it_changes(recorder, tmp_path):
+    """Level, message or process: 30 s of a ball were 360 messages of presence. Every log has the present ones."""
+    changes = [status_of('cmm', 'ready'), status_of('evaluator', 'ready'), status_of('cmm', 'measuring'),
+               status_of('cmm', 'measuring', '2'), status_of('cmm', 'measuring', '2', b'\1')]
+    for run_id in 'run', 'next':
+        assert start(recorder, run_id).success
+        for message in changes:
+            for second in range(60):
+                message.header.stamp.sec = second
+                receive(recorder, '/diagnostics', message)
+        recorder._close()
+        found = [decoded(one.data, DiagnosticArray).status[0] for one in iter_log(tmp_path / run_id)
+                 if one.topic == '/diagnostics']
+        assert [(one.name, one.message, one.level, one.values) for one in found] == [
+            (one.name, one.message, one.level, one.values) for message in changes for one in message.status]
+    assert set(recorder._processes.values()) == {'cmm 2', 'evaluator 1'}
 
 
 @pytest.mark.parametrize('is_simulated', [False, True])
@@ -353,14 +379,14 @@ def test_a_deleted_log_is_noticed_by_the_clock_alone(recorder, tmp_path, capfd):
 
 
 def test_a_deleted_log_without_room_for_another_is_no_success(recorder, tmp_path, monkeypatch):
-    """The heartbeat says why, the answers are not reported as recorded, and closing does not succeed."""
+    """The status says why, the answers are not reported as recorded, and closing does not succeed."""
     assert start(recorder, 'run').success
     measure(recorder, 1)
     shutil.rmtree(tmp_path / 'run')
     monkeypatch.setattr(LogWriter, '_prepare_directory', lambda self: (_ for _ in ()).throw(InvalidData('no room')))
     recorder.wake()
     words = f'the log {tmp_path}/run is damaged: run_0.mcap was deleted; no room'
-    assert recorder.heartbeat._problem == words
+    assert recorder.status._problem == words
     assert not recorder._on_recorded(Recorded.Request(run_id='run'), Recorded.Response()).success
     response = stop(recorder, 'run', RunState.PHASE_DONE)
     assert (response.success, response.message) == (False, words)
