@@ -118,8 +118,8 @@ class CellNode(GraphNode):
             return
 
         def once() -> None:
-            self.destroy_timer(timer)
-            callback()
+            if self.destroy_timer(timer):  # an executor that was late may call a timer twice
+                callback()
 
         timer = self.create_timer(delay, once, clock=self._steady)
 
