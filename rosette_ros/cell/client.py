@@ -3,6 +3,7 @@
 
 import os
 import signal
+import threading
 import time
 import uuid
 from collections.abc import Callable
@@ -24,17 +25,16 @@ from std_srvs.srv import Trigger
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import NONE
-from rosette_ros.cell.built_messages import check_messages
-from rosette_ros.cell.supervisor import added_environment
+from rosette_ros.cell.supervisor import Cell, added_environment, check_messages
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import CellError, plain
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.base_node import TakenSignals
+from rosette_ros.nodes.base_node import TakenSignals, make_executor
 from rosette_ros.nodes.environment import check_domain
 from rosette_ros.nodes.graph_node import GraphNode
-from rosette_ros.nodes.liveliness import RESTART, NodeMonitors
+from rosette_ros.nodes.liveliness import RESTART, NodeMonitors, started
 from rosette_ros.nodes.topic_publishers import TopicPublishers
 
 CANCEL_TIMEOUT = 30.0
@@ -262,6 +262,46 @@ class CellClient(GraphClient):
             self._rejections.append(plain(event.text, most=2000))
         elif event.kind == CalibrationEvent.ACCEPTED:
             self._run_id = plain(event.run_id)
+
+
+class HangDetector(GraphClient):
+    """Receives the statuses of the nodes of a running cell, in a thread of its own; a context manager.
+
+    Raises CellError where the graph cannot be joined."""
+
+    def __init__(self, cell: Cell) -> None:
+        super().__init__('supervisor', cell.domain_id, cell.namespace, make_executor)
+        self._processes = cell.processes
+        self._every = NodeMonitors(self._node)
+        self._monitors = [self._every.of(name) for name in cell.processes]
+        self._heard_none = time.monotonic()
+        self._is_closed = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name='hang detector', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._is_closed.set()
+        self._thread.join()
+        super().close()
+
+    def hanging(self) -> list[str]:
+        """Return the nodes whose present process has published statuses, but none for HEARTBEAT_HANGS.
+
+        A node that computes publishes them. None where no statuses at all were received within this time: then the
+        fault is here, or all nodes stood still together. To be called often."""
+        now = time.monotonic()
+        if all(monitor.silence > qos.HEARTBEAT_LOST for monitor in self._monitors):
+            self._heard_none = now
+        if now - self._heard_none < qos.HEARTBEAT_HANGS:
+            return []
+        return [monitor.peer for monitor in self._monitors if monitor.silence > qos.HEARTBEAT_HANGS
+                and monitor.process.startswith(started(monitor.peer, self._processes[monitor.peer].popen.pid))]
+
+    def _spin(self) -> None:
+        while not self._is_closed.is_set():
+            self._executor.spin_once(timeout_sec=_STEP)
+            self._every.watch()
 
 
 def outcome_of(response: Any) -> CalibrationOutcome:

@@ -16,8 +16,7 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import IDENTITY
-from rosette_ros.cell.client import CellClient
-from rosette_ros.cell.hang_detection import HangDetector
+from rosette_ros.cell.client import CellClient, HangDetector
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, MOST_PARAMETERS, Cell
 from rosette_ros.cli.arguments import IN_LOG, SHARED, UsageError, add_shared, made_folder
 from rosette_ros.cli.console import console

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rosette_ros.cell.client import CellClient
-from rosette_ros.cell.hang_detection import HangDetector
+from rosette_ros.cell.client import CellClient, HangDetector
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names, qos
@@ -25,7 +24,7 @@ LONG, SHORT = qos.HEARTBEAT_HANGS + 0.1, qos.HEARTBEAT_LOST - 0.1
 def test_a_node_hangs_that_was_heard_and_is_not_while_others_are(monkeypatch, recorder, cmm, hanging):
     """Only the process that was started here, and only while statuses of others are received."""
     now = 1000.0
-    monkeypatch.setattr('rosette_ros.cell.hang_detection.time', SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr('rosette_ros.cell.client.time', SimpleNamespace(monotonic=lambda: now))
     detector = HangDetector.__new__(HangDetector)
     detector._processes = {name: SimpleNamespace(popen=SimpleNamespace(pid=pid))
                            for name, pid in (('recorder', 71), ('cmm', 72))}
