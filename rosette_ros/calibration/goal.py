@@ -11,7 +11,7 @@ import yaml
 from rosette_ros.calibration import settings
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import Value
-from rosette_ros.calibration.state_machine import Sequence, Verify
+from rosette_ros.calibration.state_machine import Sequence
 from rosette_ros.core.errors import CellError, InvalidConfig, plain
 from rosette_ros.io.messages import Phase, answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
@@ -71,7 +71,7 @@ class Job:
     ignored: int = 0  # answers that were not used, up to its last question
     opening: bool = True  # its log
     recording: bool = False
-    verifying: Verify | None = None  # what the recorder was asked last
+    frames: list[Any] = field(default_factory=list)  # TransformStamped messages of the table frame
     has_new_evaluator: bool = False  # its results may not have been used: it was known too briefly
     motions: Any = None  # the ErrorMotions message as published
     joint: Any = None  # the EvaluateJointly.Response, None where none was asked for (yet)
@@ -118,14 +118,6 @@ class Job:
         if self.is_over:
             return 'its log is being closed'
         return f'{sequence.phase.name.lower().replace("_", " ")}, {sequence.done} of {sequence.plan.total} balls'
-
-    def continue_from(self, recalled: Any) -> None:
-        """Continue from what the recorder has recalled, a Recall.Response, in a new session."""
-        before = self.sequence
-        self.sequence = Sequence(self.run_id, before.plan, before.limits, earlier_answers(recalled, before.plan),
-                                 before.session)
-        self.sequence.disturbed = before.disturbed
-        self.resumes, self.located_ns = recalled.log, self.sequence.earlier.run_begin()
 
 
 def make_job(request: Request, configured: Mapping[str, Value], taken: Collection[str], recalled: Any = None) -> Job:

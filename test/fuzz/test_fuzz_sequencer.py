@@ -73,6 +73,7 @@ class MuteSequencer(Mute, Sequencer):
             _taken=set(),
             _frames=self,
             _states=self,
+            _runs=self,
             _events=self,
             _published=0.0,
             _recorder=SimpleNamespace(is_there=False),
@@ -284,7 +285,6 @@ def recalls(draw):
                 draw(changed(kept[min(at, len(kept) - 1)] if kept else source, **fields))
             ]
         setattr(made, name, kept)
-    made.error_motions = draw(st.lists(messages(ErrorMotions), max_size=1))
     return made
 
 
@@ -310,7 +310,7 @@ def test_what_is_recalled_of_a_run(recalled, options):
             if node._job is not None and sequence.phase is not Phase.EVALUATION:
                 node._on_ball_centre(right_answer(node))
     check_words([*node.words, sequence.text])
-    for target, answer in sequence.earlier.counting():
+    for target, answer in sequence.answers.counting():
         assert 1 <= target.seq <= sequence.plan.total
         assert np.isfinite(answer.centre).all()
 
@@ -318,4 +318,4 @@ def test_what_is_recalled_of_a_run(recalled, options):
 def test_a_sound_recall_is_gone_on_with():
     """Else nothing that is accepted would ever be met."""
     job = make_job(Request('calibrate'), VALUES, (), RECALLED)
-    assert job.sequence.earlier.answered == PLAN.total
+    assert job.sequence.answers.answered == PLAN.total

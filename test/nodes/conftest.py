@@ -18,6 +18,7 @@ from rosette_ros.cell.client import CellClient
 from rosette_ros.nodes import names
 from rosette_ros.nodes.interfaces import interface_class, introspected_client
 from rosette_ros.nodes.liveliness import NodeMonitors
+from rosette_ros.nodes.recorder import Recorder
 
 
 @pytest.fixture
@@ -108,6 +109,17 @@ class Peer:
     def _spin(self):
         while not self._over.is_set():
             self._executor.spin_once(timeout_sec=0.05)
+
+
+@pytest.fixture
+def recorder(ros, tmp_path):
+    """Yield a Recorder whose messages come from the test alone."""
+    with ros('-r', '__ns:=/rosette', '-p', f'log_dir:={tmp_path}'):
+        node = Recorder()
+        yield node
+        if node._session.is_open:
+            node._close()
+        node.destroy_node()
 
 
 @pytest.fixture
