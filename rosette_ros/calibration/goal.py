@@ -64,7 +64,6 @@ class Job:
     log: str = ''
     since: float = 0.0  # steady time at which it was accepted, s
     is_waiting: bool = False  # for the nodes to be connected
-    stamp_ns: int = 0  # latest ROS time of the run so far, ns
     located_ns: int = 0  # when its phase RUN began in an earlier part, ns, 0 if it did not
     processes: dict[str, str] = field(default_factory=dict)  # those of the nodes that serve it, by node
     remarks: list[str] = field(default_factory=list)  # warnings
@@ -149,9 +148,8 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
     earlier = earlier_answers(recalled, plan)
     if any(event.kind == SUCCEEDED for event in recalled.events):
         raise CellError(f'resume: run {run_id} lacks nothing: it ended in success and its log is closed')
-    latest = max((*(one.stamp_ns for one in earlier.targets), *(one.stamp_ns for one in earlier.answers)), default=0)
     return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, plan.scheme.order,
-               settings.format_settings(values), resumes=recalled.log, stamp_ns=latest, located_ns=earlier.run_begin())
+               settings.format_settings(values), resumes=recalled.log, located_ns=earlier.run_begin())
 
 
 def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:

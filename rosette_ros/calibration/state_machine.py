@@ -144,6 +144,8 @@ class Sequence:
         self.session = self.answers.session + 1
         self._asked: Target | None = None
         self.clock: Callable[[], int] = lambda: 0  # the ROS time, ns
+        self._latest = max((*(one.stamp_ns for one in self.answers.targets),
+                            *(one.stamp_ns for one in self.answers.answers)), default=0)
         self._taken, self._alignment = set[int](), list[Answer]()
         self._next_index = self._tries = self._planned_session = self._left_by = 0
         self._results: Results | None = None
@@ -325,7 +327,7 @@ class Sequence:
     def _take(self, target: Target, answer: Answer) -> Commands:
         """Take a good answer to a target; with the last one of the alignment the table frame is found."""
         self._taken.add(target.seq)
-        self._skipped_last = False
+        self._latest, self._skipped_last = max(self._latest, answer.stamp_ns), False
         if target.phase == Phase.ALIGNMENT and len(self._alignment) < self.plan.alignments:  # else asked again
             self._alignment.append(answer)
             if len(self._alignment) == self.plan.alignments:
@@ -340,10 +342,15 @@ class Sequence:
 
     def _ask(self, target: Target, now: float) -> Command:
         before = self.answers.last_target(target.seq)
-        self._asked = self._placed(target, 1 + (before.attempt if before else 0))._replace(stamp_ns=self.clock())
+        self._asked = self._placed(target, 1 + (before.attempt if before else 0))._replace(stamp_ns=self._stamp())
         self.answers.add_target(self._asked)
         self._deadline = now + self.limits.answer_timeout
         return Ask(self._asked)
+
+    def _stamp(self) -> int:
+        """Return the ROS time, ns, in a run never less than before, nor than that of an answer that was taken."""
+        self._latest = max(self._latest, self.clock())
+        return self._latest
 
     def _again(self, words: str, now: float, is_refused: bool = False) -> Commands:
         """Ask the present target again, unless it was refused, leave it out, or end the run; words: why."""
@@ -394,7 +401,7 @@ class Sequence:
             refuse_other_sense(self._frame, centres[:n], centres[n:])
         except RosetteError as error:
             return self._finish(Phase.FAILED, f'alignment: {error}')
-        return Locate(self._frame, self.clock()), *remarks
+        return Locate(self._frame, self._stamp()), *remarks
 
     def _finish(self, phase: Phase, text: str) -> Commands:
         self.phase, self.text = phase, text

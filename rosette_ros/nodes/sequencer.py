@@ -156,7 +156,7 @@ class Sequencer(ManagedNode):
         job, self._next_job = self._next_job, None
         if job is None:
             return
-        self._job, job.since, job.sequence.clock = job, self.seconds(), partial(self._stamp, job)
+        self._job, job.since, job.sequence.clock = job, self.seconds(), self._nanoseconds
         self._taken.add(job.run_id)
         self._cell.update(job.since, self.parameters['require_recorder'])
         for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.ACCEPTED):
@@ -202,10 +202,7 @@ class Sequencer(ManagedNode):
         if job is None or job.is_over:
             return
         done = job.sequence.done
-        commands = job.sequence.answer(answer_of(message), self.seconds())
-        if job.sequence.done > done:  # else it is not used, nor is its time
-            job.stamp_ns = max(job.stamp_ns, nanoseconds(message.header.stamp))
-        self._do(job, commands)
+        self._do(job, job.sequence.answer(answer_of(message), self.seconds()))
         if job.sequence.done > done and self.seconds() - self._published >= 1.0 / self.parameters['state_rate_hz']:
             self._publish_state(job)
 
@@ -324,11 +321,6 @@ class Sequencer(ManagedNode):
                 case Finish():
                     self._finish(job, command)
 
-    def _stamp(self, job: Job) -> int:
-        """Return the ROS time, ns, in a run never less than before."""
-        job.stamp_ns = max(job.stamp_ns, self.now().nanoseconds)
-        return job.stamp_ns
-
     def _publish_state(self, job: Job) -> None:
         sequence = job.sequence
         self._published = self.seconds()
@@ -343,6 +335,9 @@ class Sequencer(ManagedNode):
 
     def _publish_event(self, request: Request, kind: int, text: str, job: Job | None = None) -> None:
         self._events.publish(conversions.event_message(self._header(), request, kind, text, job))
+
+    def _nanoseconds(self) -> int:
+        return self.now().nanoseconds
 
     def _header(self) -> Header:
         return Header(stamp=self.now().to_msg())

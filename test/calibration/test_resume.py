@@ -129,6 +129,18 @@ def test_all_that_was_received_is_kept_as_the_log_has_it():
     assert sequence.done == 1
 
 
+def test_no_target_is_asked_before_the_answer_that_was_taken():
+    """By its stamp, where the clock of the CMM is ahead or was set back; an answer that is not taken does not count."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS)
+    sequence.clock = iter((5, 6, 3, 90)).__next__
+    ask = last_ask(sequence.begin(0.0))
+    again = last_ask(sequence.answer(moved(answer_to(ask, stamp_ns=99), 1.0, 1.0, 1.0), 1.0))
+    following = last_ask(sequence.answer(answer_to(again, stamp_ns=20), 1.0))
+    last = last_ask(sequence.answer(answer_to(following, stamp_ns=30), 1.0))
+    assert [one.stamp_ns for one in (ask, again, following, last)] == [5, 6, 20, 90]
+    assert last_ask(Sequence(RUN_ID, PLAN, LIMITS, sequence.answers).begin(0.0)).stamp_ns == 99
+
+
 # What a log tells
 
 

@@ -131,7 +131,7 @@ def test_what_the_sequencer_hears(steps, motions):
     job = node._job
     with bounded():
         for step in steps:
-            answer, done, stamp = right_answer(node), job.sequence.done, job.stamp_ns
+            answer, done, stamp = right_answer(node), job.sequence.done, job.sequence._latest
             if isinstance(step, BallCentre):
                 answer = step
             elif step is not None:
@@ -142,7 +142,7 @@ def test_what_the_sequencer_hears(steps, motions):
                 assert (answer.run_id, answer.status) == (RUN_ID, BallCentre.STATUS_OK)
                 assert np.isfinite([answer.centre.x, answer.centre.y, answer.centre.z, answer.table_angle]).all()
             else:
-                assert job.stamp_ns <= max(stamp, Time(seconds=100).nanoseconds)
+                assert job.sequence._latest <= max(stamp, Time(seconds=100).nanoseconds)
         node._on_error_motions(motions)
         if node._job is not None:
             node.health()
@@ -299,12 +299,11 @@ def test_what_is_recalled_of_a_run(recalled, options):
     check_words([*node.words, '' if accepted else words])
     if not accepted:
         return
-    job, sequence = node._next_job, node._next_job.sequence
+    sequence = node._next_job.sequence
     assert recalled.success
     if sequence.plan.total > 2000:
         return
     node = MuteSequencer(sequence)
-    node._job.stamp_ns = job.stamp_ns
     with bounded():
         for _ in range(3):
             if node._job is not None and sequence.phase is not Phase.EVALUATION:
