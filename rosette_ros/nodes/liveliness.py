@@ -327,10 +327,6 @@ class CellMonitor:
         """Return whether another recorder is there than that of a run."""
         return names.RECORDER in self.trouble(processes, self.ignored).restarted
 
-    def has_lost_recorder(self, processes: dict[str, str]) -> bool:
-        """Return whether the recorder of a run is disconnected or another one."""
-        return names.RECORDER in self.trouble(processes, self.ignored).nodes
-
     def conflicts(self, publisher: str = '') -> list[str]:
         """Return which topics of a run have several publishers, in words; publisher: of this node, '' of any."""
         return [one.conflict for topic, one in self._publishers_of.items()

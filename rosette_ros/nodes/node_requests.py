@@ -46,6 +46,7 @@ class Requests:
         """Take the name of the other node, for messages."""
         self._node, self._other = node, other
         self._calls: list[_Call] = []
+        self.has_answered = True  # whether the last response is that of the other node itself
 
     def tick(self, now: float) -> None:
         """Repeat requests and answer those that are overdue; call it from a timer. now: steady time, s."""
@@ -66,6 +67,7 @@ class Requests:
         self._calls.remove(call)
         if call.future is not None:
             call.client.remove_pending_request(call.future)
+        self.has_answered = False
         call.done(call.client.srv_type.Response(success=False, message=words))
 
     def call(self, client: Client, request: Any, timeout: float, done: Callable[[Any], None],
@@ -88,6 +90,7 @@ class Requests:
             call.request, call.future = request, None
             return
         self._calls.remove(call)
+        self.has_answered = True
         call.done(future.result())
 
 

@@ -290,8 +290,8 @@ class Sequencer(ManagedNode):
                 self._on_opened(response)
                 return
             job.opening = False
-            if self._cell.has_lost_recorder(job.processes):  # again
-                job.recording = True
+            if not self._recorder.has_answered:  # it has ended again: the next one is another process
+                job.recording, job.processes[names.RECORDER] = True, ''
             else:
                 self._do(job, job.sequence.fail(f'no log: {response.message}'))
 
