@@ -11,7 +11,7 @@ import yaml
 from rosette_ros.calibration import settings
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import Value
-from rosette_ros.calibration.state_machine import Sequence, Verify
+from rosette_ros.calibration.state_machine import Sequence
 from rosette_ros.core.errors import CellError, InvalidConfig, plain
 from rosette_ros.io.messages import Phase, answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
@@ -64,14 +64,13 @@ class Job:
     log: str = ''
     since: float = 0.0  # steady time at which it was accepted, s
     is_waiting: bool = False  # for the nodes to be connected
-    stamp_ns: int = 0  # latest ROS time of the run so far, ns
     located_ns: int = 0  # when its phase RUN began in an earlier part, ns, 0 if it did not
     processes: dict[str, str] = field(default_factory=dict)  # those of the nodes that serve it, by node
     remarks: list[str] = field(default_factory=list)  # warnings
     ignored: int = 0  # answers that were not used, up to its last question
     opening: bool = True  # its log
     recording: bool = False
-    verifying: Verify | None = None  # what the recorder was asked last
+    frames: list[Any] = field(default_factory=list)  # TransformStamped messages of the table frame
     has_new_evaluator: bool = False  # its results may not have been used: it was known too briefly
     motions: Any = None  # the ErrorMotions message as published
     joint: Any = None  # the EvaluateJointly.Response, None where none was asked for (yet)
@@ -119,14 +118,6 @@ class Job:
             return 'its log is being closed'
         return f'{sequence.phase.name.lower().replace("_", " ")}, {sequence.done} of {sequence.plan.total} balls'
 
-    def continue_from(self, recalled: Any) -> None:
-        """Continue from what the recorder has recalled, a Recall.Response, in a new session."""
-        before = self.sequence
-        self.sequence = Sequence(self.run_id, before.plan, before.limits, earlier_answers(recalled, before.plan),
-                                 before.session)
-        self.sequence.disturbed = before.disturbed
-        self.resumes, self.located_ns = recalled.log, self.sequence.earlier.run_begin()
-
 
 def make_job(request: Request, configured: Mapping[str, Value], taken: Collection[str], recalled: Any = None) -> Job:
     """Return the Job of a request.
@@ -157,9 +148,8 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
     earlier = earlier_answers(recalled, plan)
     if any(event.kind == SUCCEEDED for event in recalled.events):
         raise CellError(f'resume: run {run_id} lacks nothing: it ended in success and its log is closed')
-    latest = max((*(one.stamp_ns for one in earlier.targets), *(one.stamp_ns for one in earlier.answers)), default=0)
     return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, plan.scheme.order,
-               settings.format_settings(values), resumes=recalled.log, stamp_ns=latest, located_ns=earlier.run_begin())
+               settings.format_settings(values), resumes=recalled.log, located_ns=earlier.run_begin())
 
 
 def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:

@@ -4,7 +4,7 @@
 Whoever drives it passes the time (steady, s) and carries out the commands that each step returns."""
 
 from collections import deque
-from collections.abc import Collection, Set
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,17 +12,15 @@ import numpy as np
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.core.axes import refuse_other_axis, refuse_other_sense
-from rosette_ros.core.errors import RosetteError, counted, plain
+from rosette_ros.core.errors import RosetteError, plain
 from rosette_ros.core.geometry import Frame, table_frame, wrap
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers
 
-VERIFY_REFUSALS = 20  # a recorder that refuses so often to report what is in the log has no log open
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
 PAUSE = 'the plan has a pause here, resume the run after it'
-VERIFY_ROUNDS = 3  # a run fails where so many verifications in a row find answers that the log lacks
 
 
 @dataclass(frozen=True)
@@ -51,16 +49,17 @@ class Results(NamedTuple):
 
 @dataclass(frozen=True)
 class Ask:
-    """Send this target to the CMM, with the present time as its stamp."""
+    """Send this target to the CMM."""
 
     target: Target
 
 
 @dataclass(frozen=True)
 class Locate:
-    """Publish the table frame in the machine frame."""
+    """Publish the table frame in the machine frame, found at this ROS time, ns."""
 
     frame: Frame
+    stamp_ns: int
 
 
 @dataclass(frozen=True)
@@ -69,12 +68,15 @@ class PublishState:
 
 
 @dataclass(frozen=True)
-class Verify:
-    """Find out whether the log holds answers, (seq, stamp in ns), results and the state of a phase; then `verified`."""
+class PublishRun:
+    """Publish all targets and answers: they are complete."""
 
-    answers: frozenset[tuple[int, int]]
-    results: Results | None = None
-    phase: Phase = Phase.IDLE
+
+@dataclass(frozen=True)
+class Verify:
+    """Find out whether the log holds these results and their readings; then `verified`."""
+
+    results: Results
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class Finish:
     text: str
 
 
-Command = Ask | Locate | PublishState | Verify | Remark | Finish
+Command = Ask | Locate | PublishState | PublishRun | Verify | Remark | Finish
 Commands = tuple[Command, ...]
 
 
@@ -126,27 +128,28 @@ def complaint(answer: Answer, target: Target, limits: Limits) -> str:
 class Sequence:
     """The state of one calibration; every step takes the steady time `now`, s, and returns the commands that follow.
 
-    Good answers of an earlier part of the run are taken, and only the rest is asked. `answers` holds what was asked,
-    and of each target the answer that was taken."""
+    Good answers of an earlier part of the run are taken, and only the rest is asked. `answers` holds all that was asked
+    and received, as the log does."""
 
     def __init__(self, run_id: str, plan: CalibrationPlan, limits: Limits, earlier: RunAnswers | None = None,
-                 session: int = 0, verifies: bool = False) -> None:
+                 verifies: bool = False) -> None:
         """Prepare; nothing is asked before begin().
 
-        earlier: what the log of an earlier part holds; session: at least the last; verifies: whether a log is there."""
+        earlier: what the log of an earlier part holds; verifies: whether a log is there."""
         self.run_id, self.plan, self.limits, self.verifies = run_id, plan, limits, verifies
-        self.answers = RunAnswers(run_id)
+        self.answers = earlier or RunAnswers(run_id)
         self.phase, self.text = Phase.IDLE, 'ready'
         self.skipped: list[Target] = []
-        self.earlier = earlier or RunAnswers(run_id)
-        self.session = max(self.earlier.session, session) + 1
+        self.session = self.answers.session + 1
         self._asked: Target | None = None
-        self._asked_again, self._alignment = list[int](), list[Answer]()
-        self._next_index = self._tries = self._losses = self._refusals = self._planned_session = self._left_by = 0
-        self._is_received = self._is_whole = False  # the log: has received since the last pause; holds all answers
+        self.clock: Callable[[], int] = lambda: 0  # the ROS time, ns
+        self._latest = max((*(one.stamp_ns for one in self.answers.targets),
+                            *(one.stamp_ns for one in self.answers.answers)), default=0)
+        self._taken, self._alignment = set[int](), list[Answer]()
+        self._next_index = self._tries = self._planned_session = self._left_by = 0
         self._results: Results | None = None
         self._held, self._is_gone, self.disturbed = '', True, list[str]()
-        self._in_doubt, self._skipped_last = frozenset[tuple[int, int]](), True
+        self._skipped_last = True
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
         self._pace = deque[float](maxlen=PACE_OF)  # when the last answers were taken, since the last pause
@@ -154,7 +157,7 @@ class Sequence:
     @property
     def done(self) -> int:
         """Number of targets with an answer that was taken."""
-        return self.answers.answered
+        return len(self._taken)
 
     @property
     def left(self) -> float | None:
@@ -189,7 +192,9 @@ class Sequence:
     def answer(self, answer: Answer, now: float) -> Commands:
         """Take an answer of the CMM."""
         target = self._asked
-        if answer.run_id != self.run_id:
+        if answer.run_id == self.run_id:
+            self.answers.add_answer(answer)
+        else:
             return (Remark(f'not used: answer to run {answer.run_id!r}, this is {self.run_id!r}; an answer repeats '
                            'run_id and seq of its target'),)
         if target is None or answer.seq != target.seq:
@@ -202,35 +207,31 @@ class Sequence:
         self._pace.append(now)
         if self.phase.is_end or self._held:
             return commands
-        if self.verifies and not self._is_received:  # one that does not hear the CMM is noticed at once
-            return (*commands, *self._verify())
         return (*commands, *self._next(now))
 
-    def hold(self, words: str, now: float, verify: bool = False, is_gone: bool = True) -> Commands:
+    def hold(self, words: str, now: float, is_gone: bool = True) -> Commands:
         """Ask for nothing more until resume_asking; answers are still taken.
 
-        words: why, for a person; verify: whether to verify the log, as after the end of a CMM: an answer that is not in
-        it is sent by nobody; is_gone: whether something has to come back, and not to go."""
-        if self.phase.is_end or self.phase is Phase.EVALUATION:
+        words: why, for a person; is_gone: whether something has to come back, and not to go."""
+        if self.phase.is_end:
             return ()
         self._held, self._is_gone = words, is_gone
         if not is_gone and words not in self.disturbed:
             self.disturbed.append(words)
         self._deadline = now + self.limits.return_timeout
-        if verify and self.verifies:
-            self._in_doubt = self._taken()
-        remark = Remark(f'{words}; the run waits for {"it" if is_gone else "the end of one"}')
-        return remark, PublishState(), *(Verify(self._in_doubt),) * bool(self._in_doubt)
+        return Remark(f'{words}; the run waits for {"it" if is_gone else "the end of one"}'), PublishState()
 
     def resume_asking(self, now: float, restarted: bool) -> Commands:
         """Continue after hold; restarted: a pause lies between, the present target is asked again."""
         if not self._held or self.phase.is_end:
             return ()
-        self._held, self._in_doubt = '', frozenset()
+        self._held = ''
         self._pace.clear()
         self.session += restarted
-        self._is_received, self._left_by = self._is_received and not restarted, 0 if restarted else self._left_by
+        self._left_by = 0 if restarted else self._left_by
         remark = Remark('the run continues' + (f' in session {self.session}' if restarted else ''))
+        if self.phase is Phase.EVALUATION:
+            return (remark, *self._evaluate(now))
         if self._asked is None:
             return (remark, *self._next(now))
         if not restarted:
@@ -238,57 +239,35 @@ class Sequence:
             return remark, PublishState()
         return remark, PublishState(), self._ask(self._asked, now)
 
-    def evaluated(self, results: Results, now: float) -> Commands:
+    def evaluated(self, results: Results) -> Commands:
         """Take the results of this run that the evaluator has published: the log has to hold them."""
-        if self.phase is not Phase.EVALUATION or self._results is not None:
+        if self.phase is not Phase.EVALUATION or self._results is not None or self._held:
             return ()
         self._results = results
         if not self.verifies:
-            return (*self._done(), Finish(self.phase, self.text))
+            return self._done()
         self.text, self._deadline = 'verifying that the log holds the results', None
-        return (Verify(self._taken(), results),)
+        return (Verify(results),)
 
-    def verified(self, recorded: Set[tuple[int, int]], missing: Collection[str], now: float) -> Commands:
-        """Take what is in the log: (seq, stamp in ns) of its answers, and what else is missing, in words.
-
-        Answers that are not there are asked again; results or a last state that are not there end the run."""
-        if self.phase in (Phase.CANCELLED, Phase.FAILED):
+    def verified(self, missing: Collection[str]) -> Commands:
+        """Take what is missing from the log, in words: then the run has failed."""
+        if self.phase is not Phase.EVALUATION or self._held:
             return ()
-        if self._held:
-            lost, self._in_doubt = sorted(seq for seq, _ in self._in_doubt - recorded), frozenset()
-            return self._drop(lost) if lost else ()
-        if self._asked is not None:
-            return ()  # the run has continued: the log is verified at its end
-        if self._results is not None:
-            if missing:
-                return self._finish(Phase.FAILED, f'the log lacks {", ".join(missing)}; {self._offline("it")}')
-            if self.phase is Phase.DONE:
-                return (Finish(self.phase, self.text),)
-            return (*self._done(), Verify(self._taken(), self._results, self.phase))
-        lost = sorted(seq for seq, _ in self._taken() - recorded)
-        if not lost:
-            self._losses, self._is_received, self._is_whole = 0, True, True
-            return self._next(now)
-        self._losses += 1
-        if self._losses >= VERIFY_ROUNDS:
-            return self._finish(Phase.FAILED, f'{counted(len(lost), "reading is", "readings are")} not in the log, '
-                                f'target and answer, after asking again {counted(self._losses - 1, "time")}: the '
-                                'recorder does not receive all messages; check its network and namespace')
-        return (*self._drop(lost), *self._next(now))
+        if missing:
+            return self._finish(Phase.FAILED, f'the log lacks {", ".join(missing)}; '
+                                f'{self._disturbed("evaluate it offline, or resume the run")}')
+        return self._done()
 
     def not_verified(self, words: str, now: float) -> Commands:
-        """Take note that the log could not be verified: the recorder may be about to be found disconnected."""
-        self._in_doubt = frozenset()
-        if self._held or self._asked is not None or self.phase in (Phase.CANCELLED, Phase.FAILED):
-            return ()  # it is verified when the run has continued
-        self._refusals += 1
-        is_final = self._results is not None or self._refusals >= VERIFY_REFUSALS
-        return (self._finish(Phase.FAILED, f'the log cannot be verified: {words}') if is_final else
-                self.hold(f'the log cannot be verified yet: {words}', now))
+        """Take note that the recorder has not said what the log holds: the run waits for it, not for ever."""
+        if self.phase is not Phase.EVALUATION or self._held:
+            return ()
+        words, self._tries = f'the log cannot be verified: {words}', self._tries + 1
+        return self._finish(Phase.FAILED, words) if self._tries > self.limits.attempts else self.hold(words, now)
 
     def tick(self, now: float) -> Commands:
         """Ask again or give up if an answer is late."""
-        if self._deadline is None or now < self._deadline or self._in_doubt:
+        if self._deadline is None or now < self._deadline:
             return ()
         if self._held:
             limit = f'{self.limits.return_timeout:g} s'
@@ -297,12 +276,12 @@ class Sequence:
             return self._finish(Phase.FAILED, f'{self._held} {words}')
         if self.phase is Phase.EVALUATION:
             return self._finish(Phase.FAILED, 'wanted error motions from the evaluator within '
-                                f'{self.limits.evaluation_timeout:g} s, got none; {self._offline("the log")}')
+                                f'{self.limits.evaluation_timeout:g} s, got none; '
+                                + self._disturbed('all ball centres are in the log: evaluate it offline'))
         return self._again(f'no answer within {self.limits.answer_timeout:g} s', now)
 
-    def _offline(self, log: str) -> str:
-        return f'all ball centres are in {log}: evaluate it offline' + ''.join(
-            f'; {words} for a while: it may hold answers of both' for words in self.disturbed)
+    def _disturbed(self, advice: str) -> str:
+        return advice + ''.join(f'; {words} for a while: it may hold answers of both' for words in self.disturbed)
 
     def cancel(self, text: str = 'cancelled on request') -> Commands:
         """End early."""
@@ -313,13 +292,13 @@ class Sequence:
         return () if self.phase.is_end else self._finish(Phase.FAILED, text)
 
     def _next(self, now: float) -> Commands:
-        """Ask for the next target that has no good answer yet; at their end verify, then wait for the evaluation."""
+        """Ask for the next target that has no good answer yet; at their end wait for the evaluation."""
         published, commands = self.phase, list[Command]()
         while self._next_index < self.plan.total:
             target = self.plan.target(self._next_index)
             self._next_index += 1
             self.phase = Phase(target.phase)
-            known, before = self.earlier.answer_to(target.seq), self.earlier.last_target(target.seq)
+            known, before = self.answers.answer_to(target.seq), self.answers.last_target(target.seq)
             if known is None or before is None or complaint(known, self._placed(target, 1), self.limits):
                 planned, now_planned = self._planned_session, int(self.plan.session[target.seq - 1])
                 if 0 < planned < now_planned:
@@ -328,51 +307,29 @@ class Sequence:
                 self._tries, self._planned_session = 1, now_planned
                 commands += [PublishState()] if published is not self.phase else []
                 return (*commands, self._ask(target, now))
-            self.answers.add_target(before)
             commands += self._take(target, known)
             if self.phase.is_end:
                 return tuple(commands)
-        return (*commands, *self._after_last(now))
+        self.phase, self._tries = Phase.EVALUATION, 0
+        return (*commands, *self._evaluate(now))
 
-    def _after_last(self, now: float) -> Commands:
-        """Ask for the next target whose answer is not in the log, verify the log, or wait for the evaluation."""
-        if self._asked_again:
-            target = self.plan.target(self._asked_again.pop(0) - 1)
-            self.phase, self._tries = Phase(target.phase), 1
-            return (self._ask(target, now),)
-        if self.verifies and not self._is_whole:
-            return self._verify()
-        self.phase, self.text = Phase.EVALUATION, 'waiting for the error motions'
+    def _evaluate(self, now: float) -> Commands:
+        self.text, self._results = 'waiting for the error motions', None
         self._deadline = now + self.limits.evaluation_timeout
-        return (PublishState(),)
-
-    def _taken(self) -> frozenset[tuple[int, int]]:
-        return frozenset((target.seq, answer.stamp_ns) for target, answer in self.answers.counting())
-
-    def _verify(self) -> Commands:
-        self.text, self._deadline = 'verifying the log', None
-        return (Verify(self._taken()),)
-
-    def _drop(self, lost: Collection[int]) -> Commands:
-        """Let answers that the log lacks, by seq, not count, and ask for them again after the last target."""
-        self._asked_again += lost
-        for seq in lost:
-            self.answers.drop_answers(seq)
-        what = counted(len(lost), 'reading is', 'readings are')
-        return Remark(f'{what} not in the log, target and answer; asking again'), PublishState()
+        return PublishRun(), PublishState()
 
     def _done(self) -> Commands:
-        """Publish the last state; the run ends when that is in the log, too."""
+        """Publish the last state and end."""
         self.phase, self._deadline = Phase.DONE, None
         balls = ', '.join(f'table position {one.table_position} ball {one.ball}' for one in self.skipped)
         self.text = f'error motions are published{f"; {len(self.skipped)} left out: {balls}" * bool(balls)}'
         self.text += ''.join(f'; {words} for a while: what they published then is not used' for words in self.disturbed)
-        return (PublishState(),)
+        return PublishState(), Finish(self.phase, self.text)
 
     def _take(self, target: Target, answer: Answer) -> Commands:
         """Take a good answer to a target; with the last one of the alignment the table frame is found."""
-        self.answers.add_answer(answer)
-        self._skipped_last = self._is_whole = False
+        self._taken.add(target.seq)
+        self._latest, self._skipped_last = max(self._latest, answer.stamp_ns), False
         if target.phase == Phase.ALIGNMENT and len(self._alignment) < self.plan.alignments:  # else asked again
             self._alignment.append(answer)
             if len(self._alignment) == self.plan.alignments:
@@ -386,11 +343,16 @@ class Sequence:
             run_id=self.run_id, attempt=attempt, session=self.session, approach=approach)
 
     def _ask(self, target: Target, now: float) -> Command:
-        before = self.answers.last_target(target.seq) or self.earlier.last_target(target.seq)
-        self._asked = self._placed(target, 1 + (before.attempt if before else 0))
+        before = self.answers.last_target(target.seq)
+        self._asked = self._placed(target, 1 + (before.attempt if before else 0))._replace(stamp_ns=self._stamp())
         self.answers.add_target(self._asked)
         self._deadline = now + self.limits.answer_timeout
         return Ask(self._asked)
+
+    def _stamp(self) -> int:
+        """Return the ROS time, ns, in a run never less than before, nor than that of an answer that was taken."""
+        self._latest = max(self._latest, self.clock())
+        return self._latest
 
     def _again(self, words: str, now: float, is_refused: bool = False) -> Commands:
         """Ask the present target again, unless it was refused, leave it out, or end the run; words: why."""
@@ -441,7 +403,7 @@ class Sequence:
             refuse_other_sense(self._frame, centres[:n], centres[n:])
         except RosetteError as error:
             return self._finish(Phase.FAILED, f'alignment: {error}')
-        return Locate(self._frame), *remarks
+        return Locate(self._frame, self._stamp()), *remarks
 
     def _finish(self, phase: Phase, text: str) -> Commands:
         self.phase, self.text = phase, text

@@ -3,6 +3,7 @@
 
 import os
 import signal
+import threading
 import time
 import uuid
 from collections.abc import Callable
@@ -24,17 +25,16 @@ from std_srvs.srv import Trigger
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import NONE
-from rosette_ros.cell.built_messages import check_messages
-from rosette_ros.cell.supervisor import added_environment
+from rosette_ros.cell.supervisor import Cell, added_environment, check_messages
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import CellError, plain
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.base_node import TakenSignals
+from rosette_ros.nodes.base_node import TakenSignals, make_executor
 from rosette_ros.nodes.environment import check_domain
 from rosette_ros.nodes.graph_node import GraphNode
-from rosette_ros.nodes.liveliness import RESTART, NodeMonitor
+from rosette_ros.nodes.liveliness import RESTART, NodeMonitors, started
 from rosette_ros.nodes.topic_publishers import TopicPublishers
 
 CANCEL_TIMEOUT = 30.0
@@ -123,8 +123,8 @@ class CellClient(GraphClient):
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
         # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
         # of feedback and events, too.
-        self._monitor = NodeMonitor(self._node, names.SEQUENCER)
-        self._sequencer = TopicPublishers(self._node, names.RUN_STATE, self._monitor)
+        self._monitors = NodeMonitors(self._node)
+        self._sequencer = TopicPublishers(self._node, names.RUN_STATE, self._monitors.of(names.SEQUENCER))
         self._sequencer.on_change = self._on_restart
         self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
         self._node.create_timer(_STEP, self._watch)
@@ -135,7 +135,7 @@ class CellClient(GraphClient):
         super().close()
 
     def _watch(self) -> None:
-        self._monitor.watch()
+        self._monitors.watch()
         self._sequencer.watch()
 
     def wait(self, timeout: float = 10.0) -> None:
@@ -151,7 +151,7 @@ class CellClient(GraphClient):
 
     def running(self, patience: float = SEARCH) -> list[str]:
         """Return which nodes of a cell are found within `patience`, s."""
-        monitors = [NodeMonitor(self._node, name) for name in names.NODES]
+        monitors = [self._monitors.of(name) for name in names.NODES]
         self._spin_until(lambda: all(monitor.count() for monitor in monitors), patience)
         return [monitor.peer for monitor in monitors if monitor.count()]
 
@@ -262,6 +262,46 @@ class CellClient(GraphClient):
             self._rejections.append(plain(event.text, most=2000))
         elif event.kind == CalibrationEvent.ACCEPTED:
             self._run_id = plain(event.run_id)
+
+
+class HangDetector(GraphClient):
+    """Receives the statuses of the nodes of a running cell, in a thread of its own; a context manager.
+
+    Raises CellError where the graph cannot be joined."""
+
+    def __init__(self, cell: Cell) -> None:
+        super().__init__('supervisor', cell.domain_id, cell.namespace, make_executor)
+        self._processes = cell.processes
+        self._every = NodeMonitors(self._node)
+        self._monitors = [self._every.of(name) for name in cell.processes]
+        self._heard_none = time.monotonic()
+        self._is_closed = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name='hang detector', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._is_closed.set()
+        self._thread.join()
+        super().close()
+
+    def hanging(self) -> list[str]:
+        """Return the nodes whose present process has published statuses, but none for HEARTBEAT_HANGS.
+
+        A node that computes publishes them. None where no statuses at all were received within this time: then the
+        fault is here, or all nodes stood still together. To be called often."""
+        now = time.monotonic()
+        if all(monitor.silence > qos.HEARTBEAT_LOST for monitor in self._monitors):
+            self._heard_none = now
+        if now - self._heard_none < qos.HEARTBEAT_HANGS:
+            return []
+        return [monitor.peer for monitor in self._monitors if monitor.silence > qos.HEARTBEAT_HANGS
+                and monitor.process.startswith(started(monitor.peer, self._processes[monitor.peer].popen.pid))]
+
+    def _spin(self) -> None:
+        while not self._is_closed.is_set():
+            self._executor.spin_once(timeout_sec=_STEP)
+            self._every.watch()
 
 
 def outcome_of(response: Any) -> CalibrationOutcome:

@@ -27,7 +27,7 @@ from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer
 from rosette_ros.io.reading_checks import Check, check_answers
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.liveliness import target_subscriptions
+from rosette_ros.nodes.liveliness import NodeMonitor, target_subscriptions
 
 SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
 SEQUENCER_SEARCH = client.SEARCH
@@ -165,13 +165,13 @@ class CmmClient(CellClient):
             'volatile']
         held += [f'{names.BALL_CENTRE} is published best effort; wanted reliable' for info in answers
                  if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT]
-        beats = self._node.count_publishers(f'{names.CMM}/{names.ALIVE}')
+        beats = NodeMonitor(self._node, names.CMM).publishers()
         return (Check('types', not wrong, '; '.join(wrong) or 'ProbeTarget and BallCentre'),
                 Check('quality of service', not held, '; '.join(held) or 'as wanted'),
                 Check('one CMM', len(answers) == len(listeners) == 1,
                       f'{names.BALL_CENTRE} is published by {len(answers)}, {names.PROBE_TARGET} subscribed to by '
                       f'{len(listeners)}'),
-                Check('heartbeat', True if beats else None, 'found' if beats else
+                Check('status', True if beats else None, 'found' if beats else
                       'none: a CMM that hangs is noticed when an answer is overdue'))
 
     def _one_answer(self, run: RunAnswers) -> Check:

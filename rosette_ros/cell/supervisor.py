@@ -16,7 +16,6 @@ from typing import Any
 
 import yaml
 
-from rosette_ros.cell.built_messages import check_messages
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.nodes import names, qos
@@ -41,6 +40,8 @@ LOG_LINE = re.compile(r'\[(\w+)\] \[[\d.]+\] \[[^]]*\]: (.*)')
 RANGE, PEERS, RMW = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'RMW_IMPLEMENTATION'
 TRANSPORTS, PROFILES = 'FASTDDS_BUILTIN_TRANSPORTS', 'FASTRTPS_DEFAULT_PROFILES_FILE'
 FAST_DDS = ('', 'rmw_fastrtps_cpp', 'rmw_fastrtps_dynamic_cpp')
+DEFINITIONS = Path(__file__).parents[2] / 'msg_defs'
+"""The definitions in the source tree; an installed package has none beside it."""
 LOCAL, WIDE = 'LOCALHOST', ('SUBNET', 'SYSTEM_DEFAULT')
 
 
@@ -74,7 +75,7 @@ class NodeProcess:
         self.popen.send_signal(number if is_ready else max(number, signal.SIGTERM, key=_ESCALATION))
 
     def kill_hanging(self) -> None:
-        """End one that publishes no heartbeat, and so takes no other signal."""
+        """End one that publishes no status, and so takes no other signal."""
         self.hung = True
         self.popen.send_signal(signal.SIGKILL)
         _wait(lambda: self.has_ended, _STEPS[-1][1])
@@ -92,7 +93,7 @@ class NodeProcess:
         lines = [line for line in self.text().strip().splitlines() if not line.startswith(logged)]
         how = f'was ended by {signal.Signals(-code).name}' if code < 0 else f'ended with exit code {code}'
         if self.hung:
-            return (f'node {self.name} was running (process {self.popen.pid}) but published no heartbeat for '
+            return (f'node {self.name} was running (process {self.popen.pid}) but published no status for '
                     f'{qos.HEARTBEAT_HANGS:g} s and {how}')
         return f'node {self.name} {how}{"".join(f": {x}" for x in lines[-1:])}'
 
@@ -280,3 +281,20 @@ def cell_environment(domain_id: int | None = None) -> dict[str, str]:
     """Return the environment for processes of a cell that stays on this computer."""
     domain = {} if domain_id is None else {'ROS_DOMAIN_ID': str(domain_id)}
     return {**os.environ, **added_environment(os.environ), 'PYTHONUNBUFFERED': '1', **domain}
+
+
+def check_messages(definitions: Path = DEFINITIONS, environ: Mapping[str, str] = os.environ) -> None:
+    """Raise CellError where rosette_msgs was built from other definitions than those of the source tree.
+
+    definitions: folder with msg, srv and action; environ: mapping with AMENT_PREFIX_PATH, of which the first prefix
+    with rosette_msgs counts. Nothing is checked where one of both is not there."""
+    prefixes = (Path(prefix) for prefix in environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix)
+    built = next((share for prefix in prefixes if (share := prefix / 'share' / 'rosette_msgs').is_dir()), None)
+    if built is None:
+        return
+    for path in sorted(definitions.glob('*/*.*')):
+        copy = built / path.relative_to(definitions)
+        if not copy.exists() or copy.read_bytes() != path.read_bytes():
+            raise CellError(f'messages: wanted rosette_msgs as {definitions} defines it, got a build in {built} in '
+                            f'which {path.name} {"differs" if copy.exists() else "is missing"}: run make setup (in a '
+                            'workspace: colcon build)')

@@ -20,9 +20,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rosette_ros import command
 from rosette_ros.calibration.settings import FIELDS, IDENTITY, LIMITS, OPTIONS, PLATE, RUN
 from rosette_ros.calibration.state_machine import PAUSE
-from rosette_ros.cell.client import CalibrationOutcome, CellClient
+from rosette_ros.cell.client import CalibrationOutcome, CellClient, HangDetector
 from rosette_ros.cell.cmm_check import CmmClient, CmmReport
-from rosette_ros.cell.hang_detection import HangDetector
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, MOST_PARAMETERS, Cell
 from rosette_ros.cli.arguments import (
     IN_LOG,

@@ -1,37 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette replay: publishes what an evaluator reads from a log, and compares the error motions that it publishes."""
+"""rosette replay: publishes the messages of a log and its runs, and compares the error motions of an evaluator."""
 
 import argparse
 import os
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from geometry_msgs.msg import TransformStamped
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 from rosette_msgs.msg import ErrorMotions as ErrorMotionsMessage
+from rosette_msgs.msg import ProbeTarget, Run, RunState
+from tf2_msgs.msg import TFMessage
 
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import GraphClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.arguments import add_shared, positive
 from rosette_ros.cli.console import console, print_table
-from rosette_ros.core.errors import CellError, InvalidData
+from rosette_ros.core.errors import CellError, InvalidData, plain
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.log_reader import LoggedMessage, iter_log, read_log
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.type_definitions import TypeLibrary
-from rosette_ros.nodes import names
-from rosette_ros.nodes.conversions import error_motions_record, qos_profile
-from rosette_ros.nodes.interfaces import interface_class
+from rosette_ros.nodes import names, qos
+from rosette_ros.nodes.conversions import error_motions_record, qos_profile, run_message
+from rosette_ros.nodes.interfaces import decoded, interface_class
 from rosette_ros.presentation.tables import curves
 
 INPUTS = (names.PROBE_TARGET, names.BALL_CENTRE, names.RUN_STATE, names.TF_STATIC, names.CLOCK)
-"""What an evaluator reads, by the last part of the topic."""
+"""What of a log is published as it is, by the last part of the topic."""
 FASTEST = 4000
 """Most messages per second: the queue of a subscriber, some thousand long, must not overflow."""
 LIVE_PATIENCE = 3.5
@@ -108,7 +113,7 @@ def replay(player: 'LogPlayer', options: argparse.Namespace, log: LogRun,
     with Progress(*Progress.get_default_columns(), console=screen, transient=True,
                   disable=not screen.is_terminal) as bar:
         player.play(bar.track(iter_log(options.log), total=log.messages, description='replay'), options.rate)
-    found = player.await_motions(expected, RESULT_TIMEOUT)
+    found = player.evaluate(log, expected, RESULT_TIMEOUT)
     missing = [run_id for run_id in expected if run_id not in found]
     if missing:
         raise CellError(f'replay: wanted the error motions of run {missing[0]} within {RESULT_TIMEOUT:g} s, got none; '
@@ -167,6 +172,10 @@ class LogPlayer(GraphClient):
         self._publishers = {name: self._node.create_publisher(interface_class(topic.type_name), places[name],
                                                               qos_profile(topic.qos, topic.messages))
                             for name, topic in chosen.items()}
+        self._runs = self._node.create_publisher(Run, names.RUN, qos.RESULT)
+        state = self._node.resolve_topic_name(names.RUN_STATE)
+        self._states = next((one for one in self._publishers.values() if one.topic_name == state), None) or (
+            self._node.create_publisher(RunState, names.RUN_STATE, qos.STATE))
         self._topics = {publisher.topic_name for publisher in self._publishers.values()}
         self._motions: list[ErrorMotionsMessage] = []
         self._node.create_subscription(ErrorMotionsMessage, names.ERROR_MOTIONS, self._motions.append, 10)
@@ -185,9 +194,9 @@ class LogPlayer(GraphClient):
                             'recorded targets would move its machine. End the cell, or choose another --domain')
 
     def await_evaluator(self, timeout: float) -> bool:
-        """Return whether an evaluator receives all topics within `timeout`, s."""
-        wanted = [publisher for name, publisher in self._publishers.items() if _last(name) != _last(names.CLOCK)]
-        return bool(self._spin_until(lambda: all(publisher.get_subscription_count() for publisher in wanted)
+        """Return whether an evaluator receives runs and their states within `timeout`, s."""
+        return bool(self._spin_until(lambda: self._runs.get_subscription_count()
+                                     and self._states.get_subscription_count()
                                      and self._node.count_publishers(names.ERROR_MOTIONS) > 0, timeout))
 
     def play(self, messages: Iterable[LoggedMessage], rate: float | None = None) -> None:
@@ -203,10 +212,32 @@ class LogPlayer(GraphClient):
                 self._spin_until(lambda: False, began + count / FASTEST - time.monotonic())
             self._publishers[message.topic].publish(message.data)
 
-    def await_motions(self, run_ids: Iterable[str], timeout: float) -> dict[str, ErrorMotionsMessage]:
-        """Return the error motions received by run_id, once those of all the runs are there or `timeout` is over."""
-        self._spin_until(lambda: {one.run_id for one in self._motions} >= set(run_ids), timeout)
+    def evaluate(self, log: LogRun, run_ids: Iterable[str], timeout: float) -> dict[str, ErrorMotionsMessage]:
+        """Publish runs as their sequencer did, whose log may hold none, and return the error motions by run_id.
+
+        timeout: for each, s."""
+        frames = frames_of(log.path)
+        for run_id in run_ids:
+            answers = log.runs[run_id]
+            self._runs.publish(run_message(answers, frames.get(run_id, []), self._node.get_clock().now().to_msg()))
+            self._states.publish(RunState(run_id=run_id, phase=RunState.PHASE_EVALUATION, done=answers.answered))
+            self._spin_until(partial(self._has_motions, run_id), timeout)
         return {one.run_id: one for one in self._motions}
+
+    def _has_motions(self, run_id: str) -> bool:
+        return any(one.run_id == run_id for one in self._motions)
+
+
+def frames_of(log: str | Path) -> dict[str, list[TransformStamped]]:
+    """Return the transforms that were published after the first target of each run, by run_id."""
+    found: dict[str, list[TransformStamped]] = {}
+    for message in iter_log(log):
+        if message.type_name == 'rosette_msgs/msg/ProbeTarget':
+            found.setdefault(plain(decoded(message.data, ProbeTarget).run_id), [])
+        elif message.channel.is_static_frames:
+            for frames in found.values():
+                frames += decoded(message.data, TFMessage).transforms
+    return found
 
 
 def _last(topic: str) -> str:

@@ -2,7 +2,9 @@
 """Targets, answers and table frames as records, from messages of rclpy or decoded from a log."""
 
 from enum import IntEnum
+from functools import lru_cache
 from math import isfinite, nan
+from sys import intern
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -179,20 +181,27 @@ def target_of(message: Any) -> Target:
     """Return the Target of a ProbeTarget, of rclpy or decoded from a log; older ones have no session, taken as 1."""
     header, centre = message.header, message.centre
     pole = getattr(message, 'pole', None)  # the first logs have none, nor touches
+    radius, axis = _shared(message.radius, (pole.x, pole.y, pole.z) if pole else (0.0, 0.0, 1.0))
     return Target(
-        plain(message.run_id), message.seq, message.attempt, max(getattr(message, 'session', 1), 1), message.phase,
-        message.balls, message.radius, message.table_position, message.ball, message.cmm_position, message.table_angle,
-        message.approach, (centre.x, centre.y, centre.z), plain(header.frame_id), nanoseconds(header.stamp),
-        getattr(message, 'touches', 0), (pole.x, pole.y, pole.z) if pole else (0.0, 0.0, 1.0))
+        intern(plain(message.run_id)), message.seq, message.attempt, max(getattr(message, 'session', 1), 1),
+        message.phase, message.balls, radius, message.table_position, message.ball, message.cmm_position,
+        message.table_angle, message.approach, (centre.x, centre.y, centre.z), intern(plain(header.frame_id)),
+        nanoseconds(header.stamp), getattr(message, 'touches', 0), axis)
+
+
+@lru_cache(maxsize=64)
+def _shared(*values: Any) -> tuple[Any, ...]:
+    """Return equal values as the same objects: a run has 259 200 records of 360 balls."""
+    return values
 
 
 def answer_of(message: Any) -> Answer:
     """Return the Answer of a BallCentre, of rclpy or decoded from a log."""
     header, centre = message.header, message.centre
     return Answer(
-        plain(message.run_id), message.seq, message.table_position, message.ball, message.cmm_position, message.status,
-        plain(message.text), message.table_angle, message.table_travel, message.approach,
-        (centre.x, centre.y, centre.z), message.form_error, message.temperature, plain(header.frame_id),
+        intern(plain(message.run_id)), message.seq, message.table_position, message.ball, message.cmm_position,
+        message.status, plain(message.text), message.table_angle, message.table_travel, message.approach,
+        (centre.x, centre.y, centre.z), message.form_error, message.temperature, intern(plain(header.frame_id)),
         nanoseconds(header.stamp))
 
 

@@ -6,7 +6,7 @@ so the same messages give the same numbers, bit for bit."""
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ class RunAnswers:
         self.run_id = run_id
         self.frames: list[TableFrame] = [] if frames is None else frames
         self.targets, self.answers = list[Target](), list[Answer]()
-        self._last, self._by_seq, self._answered = dict[int, Target](), dict[int, list[Answer]](), set[int]()
+        self._last, self._by_seq, self._answered = dict[int, Target](), dict[int, tuple[Answer, ...]](), set[int]()
         self.dropped, self._early, self._earlier = 0, 0, tuple[TableFrame, ...]()
 
     def add_target(self, target: Target) -> None:
@@ -70,7 +70,7 @@ class RunAnswers:
             return
         self._early += target is None
         self.answers.append(answer)
-        self._by_seq.setdefault(answer.seq, []).append(answer)
+        self._by_seq[answer.seq] = (*self._by_seq.get(answer.seq, ()), answer)
         if target is not None and answer.is_usable_for(target):
             self._answered.add(answer.seq)
 
@@ -85,20 +85,16 @@ class RunAnswers:
         is_counted = counts is not None and counts.stamp_ns >= target.stamp_ns
         return is_counted or answer.stamp_ns < target.stamp_ns or not answer.is_usable_for(target)
 
-    def merged_with(self, recorded: 'RunAnswers') -> 'RunAnswers':
-        """Return what a log holds of this run, followed by what was received and is not in the log."""
-        asked = {(target.seq, *_when_asked(target)) for target in recorded.targets}
-        known = {(answer.seq, answer.stamp_ns) for answer in recorded.answers}
-        stamps = {one.stamp_ns for one in self.frames}
-        self.frames += [one for one in recorded.frames if one.stamp_ns not in stamps]
-        merged = RunAnswers(self.run_id, self.frames)
-        for target in (*recorded.targets,
-                       *(one for one in self.targets if (one.seq, *_when_asked(one)) not in asked)):
-            merged.add_target(target)
-        for answer in (*recorded.answers, *(one for one in self.answers if (one.seq, one.stamp_ns) not in known)):
-            merged.add_answer(answer)
-        merged._earlier = self._earlier
-        return merged
+    def keys(self) -> tuple[set[tuple[int, int, int]], set[tuple[int, int]]]:
+        """Return (seq, session, attempt) of all targets, (seq, stamp_ns) of all answers."""
+        return ({(target.seq, *_when_asked(target)) for target in self.targets},
+                {(answer.seq, answer.stamp_ns) for answer in self.answers})
+
+    def lacking_in(self, other: 'RunAnswers') -> tuple[list[Target], list[Answer]]:
+        """Return the targets and answers that another record of the same run lacks."""
+        asked, known = other.keys()
+        return ([one for one in self.targets if (one.seq, *_when_asked(one)) not in asked],
+                [one for one in self.answers if (one.seq, one.stamp_ns) not in known])
 
     def with_centres(self, centres: Mapping[int, tuple[float, float, float]]) -> 'RunAnswers':
         """Return the run with other centres, by seq, of the answers that count."""
@@ -111,12 +107,6 @@ class RunAnswers:
         changed._earlier = self._earlier
         return changed
 
-    def drop_answers(self, seq: int) -> None:
-        """Forget all answers to a target: it will be asked again."""
-        if self._by_seq.pop(seq, None):
-            self.answers = [answer for answer in self.answers if answer.seq != seq]
-            self._answered.discard(seq)
-
     def last_target(self, seq: int) -> Target | None:
         """Return a target as it was asked last, None where it was not."""
         return self._last.get(seq)
@@ -125,10 +115,6 @@ class RunAnswers:
     def session(self) -> int:
         """The last session of the run, 0 before the first target."""
         return max((target.session for target in self._last.values()), default=0)
-
-    def good_stamps(self) -> Iterator[tuple[int, int]]:
-        """Return (seq, stamp_ns) of every answer that is usable for its target."""
-        return ((seq, answer.stamp_ns) for seq in self._by_seq for answer in self._usable(seq))
 
     def _usable(self, seq: int) -> list[Answer]:
         target = self._last.get(seq)
@@ -162,9 +148,13 @@ class RunAnswers:
     @property
     def readings_hash(self) -> str:
         """SHA-256 of the answers that count and what they answer, hex."""
-        parts = ((target.phase, target.session, target.balls, target.radius, answer._replace(text=''))
-                 for target, answer in self.counting())
-        return hashlib.sha256(repr(list(parts)).encode()).hexdigest()
+        found, before = hashlib.sha256(b'['), ''
+        for target, answer in self.counting():
+            part = (int(target.phase), target.session, target.balls, float(target.radius), answer._replace(text=''))
+            found.update(f'{before}{part}'.encode())
+            before = ', '
+        found.update(b']')
+        return found.hexdigest()
 
     @property
     def is_complete(self) -> bool:

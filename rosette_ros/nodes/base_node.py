@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The base classes of the cell's nodes and how one is run: parameters, health, heartbeat, lifecycle, clean end."""
+"""The base classes of the cell's nodes and how one is run: parameters, status, lifecycle, clean end."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -23,14 +23,13 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.time import Time
-from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig, RosetteError
-from rosette_ros.nodes import names, qos
+from rosette_ros.nodes import names
 from rosette_ros.nodes.environment import check_domain
 from rosette_ros.nodes.graph_node import GraphNode
-from rosette_ros.nodes.liveliness import HeartbeatPublisher, NodeMonitor
+from rosette_ros.nodes.liveliness import NodeMonitor, NodeMonitors, StatusPublisher
 from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
 from rosette_ros.nodes.topic_publishers import TopicPublishers
 
@@ -47,8 +46,8 @@ Health = tuple[bytes, str, dict[str, object]]
 class CellNode(GraphNode):
     """A node of the cell.
 
-    Topics: publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) every HEALTH_PERIOD and `<node>/alive`
-    (rosette_msgs/Heartbeat). All callbacks run in one thread, in the order in which messages were received.
+    Topics: publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) twice a second; `health` is asked every
+    HEALTH_PERIOD. All callbacks run in one thread, in the order in which messages were received.
 
     wake_period: time between two calls of `wake`, s."""
 
@@ -59,11 +58,10 @@ class CellNode(GraphNode):
         self.parameters = Parameters(self, tuple(wanted))
         self.system = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._health_out = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.HEALTH)
-        self.heartbeat = HeartbeatPublisher(self)
+        self.status = StatusPublisher(self)
         self._disturbances = frozenset[str]()
-        self.every(HEALTH_PERIOD, self._publish_health)
-        self._monitors: dict[str, NodeMonitor] = {}
+        self.every(HEALTH_PERIOD, self._describe)
+        self._monitors = NodeMonitors(self)
         self._publishers_of: dict[str, TopicPublishers] = {}
         self.every(self.wake_period, self._wake)
 
@@ -84,9 +82,7 @@ class CellNode(GraphNode):
 
     def monitor(self, peer: str) -> NodeMonitor:
         """Return the monitor of another node of the cell."""
-        if peer not in self._monitors:
-            self._monitors[peer] = NodeMonitor(self, peer)
-        return self._monitors[peer]
+        return self._monitors.of(peer)
 
     def publishers_of(self, topic: str) -> TopicPublishers:
         """Return what is known about the publishers of a topic in names.PUBLISHERS."""
@@ -100,14 +96,13 @@ class CellNode(GraphNode):
         return all(one.is_single for one in self._publishers_of.values())
 
     def destroy_node(self) -> None:
-        """End the heartbeat and destroy the node."""
-        self.heartbeat.end()
+        """End the status and destroy the node."""
+        self.status.end()
         super().destroy_node()
 
     def _wake(self) -> None:
-        self.heartbeat.serve()
-        for monitor in self._monitors.values():
-            monitor.watch()
+        self.status.serve()
+        self._monitors.watch()
         for one in self._publishers_of.values():
             one.watch()
         self.wake()
@@ -123,8 +118,8 @@ class CellNode(GraphNode):
             return
 
         def once() -> None:
-            self.destroy_timer(timer)
-            callback()
+            if self.destroy_timer(timer):  # an executor that was late may call a timer twice
+                callback()
 
         timer = self.create_timer(delay, once, clock=self._steady)
 
@@ -157,7 +152,7 @@ class CellNode(GraphNode):
         """Return whether the ROS time runs: always on the wall clock, else after the first /clock."""
         return self.get_clock().now().nanoseconds > 0
 
-    def _publish_health(self) -> None:
+    def _describe(self) -> None:
         level, sentence, values = self.health()
         conflicts = {f'{one.conflict}: what they publish is not used'
                      for one in self._publishers_of.values() if one.conflict and not one.is_tried}
@@ -166,10 +161,7 @@ class CellNode(GraphNode):
             level, sentence = max(level, WARN), f'{sentence}; {words}'
             if words not in before:
                 self.get_logger().warning(words)
-        status = DiagnosticStatus(
-            level=level, name=self.get_fully_qualified_name()[1:], message=sentence,
-            hardware_id=self.get_namespace()[1:], values=[KeyValue(key=key, value=str(values[key])) for key in values])
-        self._health_out.publish(DiagnosticArray(header=Header(stamp=self.now().to_msg()), status=[status]))
+        self.status.describe(level, sentence, values)
 
 
 class ManagedNode(LifecycleNodeMixin, CellNode):

@@ -3,8 +3,9 @@
 
 import math
 from array import array
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from itertools import chain, repeat
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -17,12 +18,13 @@ from tf2_msgs.msg import TFMessage
 from rosette_ros.calibration.goal import OF_EVENT
 from rosette_ros.core import records
 from rosette_ros.core.diagnosis.verdict import noise_facts
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import PublishedMotions
-from rosette_ros.io.messages import TOUCH_ARRAYS, Target
+from rosette_ros.io.messages import TOUCH_ARRAYS, Answer, Target, table_frame_of
 from rosette_ros.io.model_file import format_entry
+from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.words.noise_words import noise_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
@@ -37,6 +39,7 @@ if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
 POLICIES = {'history': HistoryPolicy.KEEP_ALL, 'reliability': ReliabilityPolicy.BEST_EFFORT,
             'durability': DurabilityPolicy.TRANSIENT_LOCAL, 'liveliness': LivelinessPolicy.MANUAL_BY_TOPIC}
 """Of each policy the value that is not the default of Qos."""
+_POINTS = 'centre', 'pole'
 
 
 def event_message(header: Header, request: 'Request', kind: int, text: str, job: 'Job | None') -> msg.CalibrationEvent:
@@ -65,12 +68,52 @@ def point_array(message: Point | Vector3) -> records.Floats:
     return np.array([message.x, message.y, message.z])
 
 
-def target_message(target: Target, stamp: Time) -> msg.ProbeTarget:
-    """Return the ProbeTarget of a target."""
+def target_message(target: Target, stamp: Time | None = None) -> msg.ProbeTarget:
+    """Return the ProbeTarget of a target; stamp: another than its own."""
     fields = {name: value for name, value in target._asdict().items() if name not in ('frame_id', 'stamp_ns')}
     return msg.ProbeTarget(**{**fields, 'phase': int(target.phase), 'centre': point(target.centre),
                              'pole': Vector3(**dict(zip('xyz', target.pole, strict=True)))},
-                       header=Header(stamp=stamp, frame_id=target.frame_id))
+                       header=Header(stamp=stamp or time_message(target.stamp_ns), frame_id=target.frame_id))
+
+
+def run_message(answers: RunAnswers, frames: list[TransformStamped], stamp: Time) -> msg.Run:
+    """Return the Run message of all targets and answers of a run and its table frames."""
+    made = msg.Run(header=Header(stamp=stamp), run_id=answers.run_id, frames=frames)
+    for kind, rows in (('target', answers.targets), ('answer', answers.answers)):
+        for name, column in zip(rows[0]._fields, zip(*rows, strict=True), strict=True) if rows else ():
+            if name != 'run_id':
+                setattr(made, f'{kind}_{name}', [*chain.from_iterable(column)] if name in _POINTS else list(column))
+    return made
+
+
+def answers_of(message: msg.Run) -> RunAnswers:
+    """Return what a Run message holds; raises InvalidData where its arrays are of different lengths."""
+    answers = RunAnswers(plain(message.run_id))
+    try:
+        for row in zip(*(_column(message, 'target', name) for name in Target._fields), strict=True):
+            answers.add_target(Target(*row))
+        for row in zip(*(_column(message, 'answer', name) for name in Answer._fields), strict=True):
+            answers.add_answer(Answer(*row))
+    except ValueError as error:
+        raise InvalidData(f'run {answers.run_id}: wanted arrays of one length, got others: {error}') from error
+    answers.frames += filter(None, map(table_frame_of, message.frames))
+    return answers
+
+
+def _column(message: msg.Run, kind: str, name: str) -> Iterable[Any]:
+    if name == 'run_id':
+        return repeat(plain(message.run_id), len(getattr(message, f'{kind}_seq')))
+    values = getattr(message, f'{kind}_{name}')
+    if name in _POINTS:
+        return zip(values[::3], values[1::3], values[2::3], strict=True)
+    return map(plain, values) if name in ('text', 'frame_id') else values
+
+
+def answer_message(answer: Answer) -> msg.BallCentre:
+    """Return the BallCentre of an answer."""
+    fields = {name: value for name, value in answer._asdict().items() if name not in ('frame_id', 'stamp_ns')}
+    return msg.BallCentre(**{**fields, 'centre': point(answer.centre)},
+                          header=Header(stamp=time_message(answer.stamp_ns), frame_id=answer.frame_id))
 
 
 def frame_message(frame: Frame, parent: str, child: str, stamp: Time) -> TFMessage:

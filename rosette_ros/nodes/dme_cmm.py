@@ -48,7 +48,7 @@ class DmeCmmNode(CmmNode):
 
     A target is measured as the settings say, or answered as failed with the server's number and words. When a run ends,
     when the node that requested the target is disconnected, and when this node ends, what moves is aborted (AbortE). A
-    collision, an emergency stop, a lost connection, a crash of this node: the heartbeat says so, by which a run fails,
+    collision, an emergency stop, a lost connection, a crash of this node: the status says so, by which a run fails,
     and nothing moves until a person calls the service `cmm/recover`, which clears the errors or connects anew; a file
     beside the settings keeps that over the end of the node. Nothing moves but for a target: a tool is changed before
     the first ball. Parameters: WANTED."""
@@ -125,7 +125,7 @@ class DmeCmmNode(CmmNode):
                 f'the node that requested ball {self._wanted.ball} is disconnected; its measurement is aborted')
             self._stop_measuring()
         problem, cmm = self._problem(), self._cmm
-        self.heartbeat.report(problem)
+        self.status.report(problem)
         words = problem or ('; '.join([f'{cmm.session.where}: ready', *cmm.remarks]) if cmm is not None else '')
         if words != self._told:
             self._told = words
@@ -155,7 +155,7 @@ class DmeCmmNode(CmmNode):
                 if not is_wanted:
                     self.get_logger().info(f'seq {target.seq}: stopped: nobody waits for ball {target.ball} any more')
                     continue
-                self.heartbeat.report(problem)  # it ends the run; an answer would only have the sequencer ask again
+                self.status.report(problem)  # it ends the run; an answer would only have the sequencer ask again
                 self.after(UNTIL_IT_ENDS if problem else 0.0, partial(
                     self.answers.publish, self.refuse(target, ball, self.now().to_msg())))
                 continue

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the evaluator knows: the last runs as their messages arrive, and the model in use. No ROS here."""
+"""What the evaluator knows: the last runs and the model in use. No ROS here."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,8 +17,6 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.number_words import micrometres, significant
 from rosette_ros.core.records import Run
-from rosette_ros.io.messages import Answer, TableFrame, Target
-from rosette_ros.io.run_assembly import RunAnswers
 
 RUNS_KEPT = 4
 _Run = TypeVar('_Run')
@@ -30,126 +28,6 @@ def _keep(runs: dict[str, _Run], run_id: str, run: _Run) -> None:
     runs[run_id] = run
     if len(runs) > RUNS_KEPT:
         del runs[next(iter(runs))]
-
-
-@dataclass(eq=False)
-class _Collected:
-    """A run as far as its messages have arrived."""
-
-    answers: RunAnswers
-    expected: int | None = None  # answered targets at its end, None while it is running
-    has_states: bool = False
-    is_evaluated: bool = False
-    is_over: bool = False
-    received: float = 0.0  # steady time of its last message, s
-
-    @property
-    def is_wanted(self) -> bool:
-        return self.expected is not None and not (self.is_evaluated or self.is_over)
-
-    @property
-    def lacks(self) -> str:
-        return self.answers.lacking(self.expected or 0)
-
-
-class RunCollection:
-    """The last runs, each until it can be evaluated.
-
-    Topics keep their own order, but nothing is known about the order between them: an answer may arrive before its
-    target, the table frame after both, the order to evaluate before all. now: steady time, s."""
-
-    def __init__(self) -> None:
-        self._runs: dict[str, _Collected] = {}
-        self._frames: list[TableFrame] = []
-
-    def add_target(self, target: Target, now: float) -> None:
-        """Take a target."""
-        self._run(target.run_id, now, is_reading=True).answers.add_target(target)
-
-    def add_answer(self, answer: Answer, now: float) -> None:
-        """Take an answer."""
-        self._run(answer.run_id, now, is_reading=True).answers.add_answer(answer)
-
-    def add_frame(self, frame: TableFrame) -> None:
-        """Take a table frame in the machine frame."""
-        self._frames.append(frame)
-        del self._frames[:-2 * RUNS_KEPT]
-
-    def expect(self, run_id: str, answers: int, now: float) -> None:
-        """Take the order to evaluate a run as soon as so many targets are answered."""
-        if run_id in self._runs and self._runs[run_id].is_over:
-            del self._runs[run_id]  # it was resumed after its end
-        run = self._run(run_id, now)
-        run.has_states, run.expected = True, answers
-
-    def note_state(self, run_id: str, now: float, is_over: bool = False) -> None:
-        """Take note of a state: the end of the run will be ordered; is_over: it has its error motions already."""
-        run = self._run(run_id, now)
-        run.has_states, run.is_over = True, run.is_over or is_over
-
-    def end_all(self) -> None:
-        """Take note that nothing is running any more: the sequencer was restarted."""
-        for run in self._runs.values():
-            run.is_over = True
-
-    def add_recorded(self, recorded: RunAnswers, now: float) -> None:
-        """Take what the log holds of a run that lacks messages; what was received besides stays."""
-        run = self._runs.get(recorded.run_id)
-        if run is not None and not run.is_evaluated:
-            run.answers, run.received = run.answers.merged_with(recorded), now
-
-    def forget(self, run_id: str) -> None:
-        """Drop a run that was cancelled or has failed."""
-        self._runs.pop(run_id, None)
-
-    def ready(self, now: float, quiet: float) -> list[str]:
-        """Return the run_ids that can be evaluated now.
-
-        Those that were ordered and are complete; where no sequencer publishes states, those whose n*n targets are
-        answered when nothing has arrived for `quiet` s."""
-        def is_quiet(run: _Collected) -> bool:
-            return not run.has_states and now - run.received >= quiet and run.answers.is_complete
-
-        return [run_id for run_id, run in self._runs.items()
-                if not run.is_evaluated and (run.expected is not None or is_quiet(run)) and not run.lacks]
-
-    def late(self, now: float, patience: float) -> list[tuple[str, str]]:
-        """Return (run_id, what it lacks) of runs that were ordered and got nothing more for `patience` s."""
-        return [(run_id, run.lacks) for run_id, run in self._runs.items()
-                if run.is_wanted and now - run.received > patience]
-
-    def lacking(self) -> list[str]:
-        """Return the ids of the runs that were ordered and lack messages."""
-        return [run_id for run_id, run in self._runs.items() if run.is_wanted and run.lacks]
-
-    def is_evaluated(self, run_id: str) -> bool:
-        """Return whether a run was evaluated with all that is known of it."""
-        run = self._runs.get(run_id)
-        return run is not None and run.is_evaluated
-
-    def readings_hash(self, run_id: str) -> str:
-        """Return the hash of a run's answers that count, '' where the run is not kept any more."""
-        run = self._runs.get(run_id)
-        return run.answers.readings_hash if run else ''
-
-    def frame(self, run_id: str) -> Frame | None:
-        """Return the table frame of a run in the machine frame, None where it is not known."""
-        return self._runs[run_id].answers.frame(f'run {run_id}')
-
-    def to_run(self, run_id: str) -> Run:
-        """Return the Run; raises InvalidData where the messages do not make one."""
-        run = self._runs[run_id]
-        run.is_evaluated = True
-        return run.answers.to_run(f'run {run_id}')
-
-    def _run(self, run_id: str, now: float, is_reading: bool = False) -> _Collected:
-        """Return a run; a reading after its evaluation begins it again."""
-        run = self._runs.get(run_id)
-        if run is None or (is_reading and run.is_evaluated):
-            run = _Collected(RunAnswers(run_id, self._frames))
-            _keep(self._runs, run_id, run)
-        run.received = now
-        return run
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,12 +54,18 @@ class ModelInUse:
     model: Model
     _runs: dict[str, Run] = field(default_factory=dict)
     _frames: dict[str, Frame | None] = field(default_factory=dict)
+    _hashes: dict[str, str] = field(default_factory=dict)
 
-    def evaluate(self, run: Run, frame: Frame | None = None) -> Fit:
+    def evaluate(self, run: Run, frame: Frame | None = None, readings_hash: str = '') -> Fit:
         """Return the Fit of a run and keep the run for requests; frame: its table frame in the machine frame."""
         _keep(self._runs, run.run_id, run)
         _keep(self._frames, run.run_id, frame)
+        _keep(self._hashes, run.run_id, readings_hash)
         return analyse(run, self.model)
+
+    def readings_hash(self, run_id: str) -> str:
+        """Return the hash of the readings of an evaluated run, '' where it is not known."""
+        return self._hashes.get(run_id, '')
 
     def run(self, run_id: str = '') -> Run:
         """Return an evaluated run, the last one where none is named; raises InvalidData."""

@@ -1,46 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
 """The evaluator: turns a finished run into six error motions, with the same code as offline, and diagnoses it."""
 
+import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from geometry_msgs.msg import TransformStamped
+import numpy as np
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import Parameter, ParameterType
 from rclpy.publisher import Publisher
-from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, JointEvaluation, Model, ProbeTarget, RunState
-from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, Recall, RemoveEffect
-from tf2_msgs.msg import TFMessage
+from rosette_msgs import msg
+from rosette_msgs.msg import Diagnosis, ErrorMotions, JointEvaluation, Model, RunState
+from rosette_msgs.msg import Run as RunMessage
+from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, RemoveEffect
+from std_msgs.msg import Header
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED
 from rosette_ros.calibration.settings import Wanted
+from rosette_ros.core import records
 from rosette_ros.core.errors import InvalidModel, RosetteError, one_line, plain
+from rosette_ros.core.joint.conclusion import conclude
+from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Run
-from rosette_ros.io.messages import TABLE_FRAME, TableFrame, answer_of, table_frame_of, target_of
+from rosette_ros.io.messages import TABLE_FRAME
 from rosette_ros.io.model_file import parse_entry, read_model
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
-from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, RunCollection, declared_sharing
+from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, declared_sharing
 from rosette_ros.nodes.interfaces import introspected_service
-from rosette_ros.nodes.joint_conversions import joint_message
 from rosette_ros.nodes.liveliness import SETTLING
-from rosette_ros.nodes.node_requests import Recalls
+from rosette_ros.words.result_words import conclusion_text
 
 WANTED = (
-    Wanted('quiet_s', 1.0, 'a run without states of a sequencer is evaluated when all its balls are in and nothing '
-           'more has arrived for so long, s of wall time', 0.01, 3600.0),
-    Wanted('patience_s', 10.0, 'how long missing messages are waited for before that is reported, s of wall time', 0.01,
-           3600.0),
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
     Wanted('diagnose_after_run', True, 'whether each run is diagnosed, so that the diagnosis is in its log'),
     Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'larger plates are diagnosed on request only', 0, 1000))
-RECALL_AFTER, RECALL_PERIOD = 0.3, 2.0
-"""Messages that are missing for so long are requested from the recorder, again after so long, s."""
-
-
 def _callback_of(name: str) -> Callable[[Callable[..., None]], Callable[..., Any]]:
     """Make the callback of a service of a method that fills in the response or raises RosetteError: a refusal."""
     def decorate(handle: Callable[..., None]) -> Callable[..., Any]:
@@ -67,7 +66,7 @@ class _Results(NamedTuple):
 class Evaluator(CellNode):
     """Evaluates and diagnoses runs under the model in use, which requests may change.
 
-    Topics: subscribes to `probe_target`, `ball_centre`, `run_state`, `/tf_static`; publishes `model`, `diagnosis`,
+    Topics: subscribes to `run`, `run_state`; publishes `model`, `diagnosis`,
     `error_motions`, in this order, and `joint_evaluation`, all latched. Services: `evaluator/diagnose`,
     `evaluator/add_effect`, `evaluator/remove_effect`, `evaluator/evaluate_jointly`, answered after their calculation,
     during which messages wait. Parameters: WANTED."""
@@ -75,11 +74,9 @@ class Evaluator(CellNode):
     def __init__(self) -> None:
         super().__init__(names.EVALUATOR, WANTED)
         self._in_use = ModelInUse(read_model(self.parameters['model'] or None))
-        self._runs = RunCollection()
+        self._answers: RunAnswers | None = None  # published by the sequencer, not yet evaluated
+        self._due = '', 0  # the run to be evaluated, and how many of its targets are answered
         self._level, self._last = OK, 'no run yet'
-        self._reported: set[str] = set()
-        self._recorder = Recalls(self)
-        self._recalled: dict[str, float] = {}
         self._results = _Results('', 0.0, ())
         self._motions_out = self.create_publisher(ErrorMotions, names.ERROR_MOTIONS, qos.RESULT)
         self._model_out = self.create_publisher(Model, names.MODEL, qos.RESULT)
@@ -89,101 +86,54 @@ class Evaluator(CellNode):
         introspected_service(self, EvaluateJointly, names.EVALUATE_JOINTLY, self._on_evaluate_jointly)
         introspected_service(self, AddEffect, names.ADD_EFFECT, self._on_add)
         introspected_service(self, RemoveEffect, names.REMOVE_EFFECT, self._on_remove)
-        self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.COLLECT_LATCHED, from_one=True)
-        self.on(names.BALL_CENTRE, BallCentre, self._on_answer, qos.COLLECT, from_one=True)
-        self.on(names.TF_STATIC, TFMessage, self._on_frames, qos.COLLECT_LATCHED)
+        self.on(names.RUN, RunMessage, self._on_run, qos.RESULT, from_one=True)
         self.on(names.RUN_STATE, RunState, self._on_state, qos.COLLECT_LATCHED, from_one=True)
-        self.publishers_of(names.RUN_STATE).on_change = self._runs.end_all
         self._model_out.publish(conversions.model_message(self._in_use.model, self.now().to_msg()))
 
-    def _on_target(self, message: ProbeTarget) -> None:
-        self._runs.add_target(target_of(message), self.seconds())
-        self._evaluate_ready()
-
-    def _on_answer(self, message: BallCentre) -> None:
-        self._runs.add_answer(answer_of(message), self.seconds())
-        self._evaluate_ready()
-
-    def _on_frames(self, message: TFMessage) -> None:
-        for frame in self._frames_in(message.transforms):
-            self._runs.add_frame(frame)
-        self._evaluate_ready()
-
-    def _frames_in(self, transforms: Iterable[TransformStamped]) -> Iterator[TableFrame]:
-        """Yield the table frames among transforms; a malformed one is reported."""
-        for one in transforms:
-            try:
-                if frame := table_frame_of(one):
-                    yield frame
-            except RosetteError as error:
-                self.get_logger().error(f'{names.TF_STATIC}: not used: {error}')
+    def _on_run(self, message: RunMessage) -> None:
+        try:
+            self._answers = conversions.answers_of(message)
+        except RosetteError as error:
+            self.get_logger().error(f'{names.RUN}: not used: {error}')
+        self._evaluate_if_due()
 
     def _on_state(self, message: RunState) -> None:
-        run_id, now = plain(message.run_id), self.seconds()
-        if message.phase != RunState.PHASE_EVALUATION:
-            self.heartbeat.report('')
-        if message.phase == RunState.PHASE_IDLE:
-            self._runs.end_all()
-            self._reported.clear()
-        elif message.phase in (RunState.PHASE_CANCELLED, RunState.PHASE_FAILED):
-            self._runs.forget(run_id)
-            self._recalled.pop(run_id, None)
-            self._reported.discard(run_id)  # resumed, it may lack something again
-        elif message.phase == RunState.PHASE_EVALUATION:
-            self._runs.expect(run_id, message.done, now)
-            self._publish_again(run_id, now)
+        run_id = plain(message.run_id)
+        if message.phase == RunState.PHASE_EVALUATION:
+            self._due = run_id, message.done
+            self._publish_again(run_id, self.seconds())
         else:
-            self._runs.note_state(run_id, now, message.phase == RunState.PHASE_DONE)
-        self._evaluate_ready()
+            self._due = self._due if message.phase == RunState.PHASE_DONE else ('', 0)
+            self.status.report('')
+        self._evaluate_if_due()
 
-    def wake(self) -> None:
-        """Evaluate what is complete; request or report what is missing."""
-        now = self.seconds()
-        self._recorder.tick(now)
-        self._evaluate_ready()
-        for run_id in self._runs.lacking():
-            requested = self._recalled.setdefault(run_id, now - RECALL_PERIOD + RECALL_AFTER)
-            if now - requested >= RECALL_PERIOD and self._recorder.is_there:
-                self._recalled[run_id] = now
-                self._recorder.recall(run_id, self._on_recalled)
-        for run_id, lacks in self._runs.late(now, self.parameters['patience_s']):
-            if run_id not in self._reported:
-                self._reported.add(run_id)
-                self._report_failure(run_id, lacks)
-
-    def _on_recalled(self, response: Recall.Response) -> None:
-        if not response.success:
-            self.get_logger().warning(f'messages of a run are missing and not recalled: {plain(response.message)}')
+    def _evaluate_if_due(self) -> None:
+        """Evaluate the run that the sequencer has published, once, where its state says that it is complete."""
+        answers, (run_id, done) = self._answers, self._due
+        if answers is None or answers.run_id != run_id or answers.answered < done:
             return
-        recorded = RunAnswers(response.run_id, list(self._frames_in(response.frames)))
-        for target in response.targets:
-            recorded.add_target(target_of(target))
-        for answer in response.answers:
-            recorded.add_answer(answer_of(answer))
-        self._runs.add_recorded(recorded, self.seconds())
-        self.get_logger().info(plain(f'run {response.run_id}: recalled {len(response.answers)} answers from its log'))
-        self._evaluate_ready()
-
-    def _evaluate_ready(self) -> None:
-        for run_id in self._runs.ready(self.seconds(), self.parameters['quiet_s']):
-            try:
-                fit = self._in_use.evaluate(self._runs.to_run(run_id), self._runs.frame(run_id))
-            except RosetteError as error:
-                self._report_failure(run_id, str(error))
-                self.heartbeat.report(self._last)  # ends the run: it would wait in vain for error motions
-                continue
-            diagnosis = self._diagnose_after(fit.run)
-            model, motions = self._publish(fit, diagnosis)
-            self._results = _Results(run_id, self.seconds(), (
-                *([(self._diagnosis_out, diagnosis)] if diagnosis else ()), (self._model_out, model),
-                (self._motions_out, motions)))
-            doubts = ''.join(f'; {remark}' for remark in fit.run.remarks)
-            self._level = WARN if doubts else OK
-            self._last = plain(f'run {run_id} is evaluated, {fit.run.size} ball centres{doubts}', most=2000)
-            if doubts:
-                self.get_logger().warning(self._last)
-            else:
-                self.get_logger().info(self._last)
+        self._answers = None
+        try:
+            where = f'run {run_id}'
+            readings = answers.to_run(where), answers.frame(where), answers.readings_hash
+            del answers  # 180 MB of 360 balls
+            fit = self._in_use.evaluate(*readings)
+        except RosetteError as error:
+            self._report_failure(run_id, str(error))
+            self.status.report(self._last)  # ends the run: it would wait in vain for error motions
+            return
+        diagnosis = self._diagnose_after(fit.run)
+        model, motions = self._publish(fit, diagnosis)
+        self._results = _Results(run_id, self.seconds(), (
+            *([(self._diagnosis_out, diagnosis)] if diagnosis else ()), (self._model_out, model),
+            (self._motions_out, motions)))
+        doubts = ''.join(f'; {remark}' for remark in fit.run.remarks)
+        self._level = WARN if doubts else OK
+        self._last = plain(f'run {run_id} is evaluated, {fit.run.size} ball centres{doubts}', most=2000)
+        if doubts:
+            self.get_logger().warning(self._last)
+        else:
+            self.get_logger().info(self._last)
 
     def _diagnose_after(self, run: Run) -> Diagnosis | None:
         """Publish and return the diagnosis of a run that was evaluated; None where it is not wanted or not possible."""
@@ -204,7 +154,7 @@ class Evaluator(CellNode):
     def _publish_again(self, run_id: str, now: float) -> None:
         """Publish the same results again: nodes do not use what is published before they know who publishes it."""
         last = self._results
-        if run_id == last.run_id and self._runs.is_evaluated(run_id) and now - last.published >= SETTLING:
+        if run_id == last.run_id and now - last.published >= SETTLING:
             self._results = last._replace(published=now)
             for publisher, message in last.messages:
                 publisher.publish(message)
@@ -216,7 +166,7 @@ class Evaluator(CellNode):
         stamp = self.now().to_msg()
         model, motions = (conversions.model_message(fit.model, stamp, fit),
                           conversions.error_motions_message(fit, stamp, TABLE_FRAME))
-        motions.diagnosed, motions.readings_hash = diagnosis is not None, self._runs.readings_hash(fit.run.run_id)
+        motions.diagnosed, motions.readings_hash = diagnosis is not None, self._in_use.readings_hash(fit.run.run_id)
         if diagnosis is not None:
             motions.outcome, motions.verdict, motions.action = diagnosis.outcome, diagnosis.verdict, diagnosis.action
         self._model_out.publish(model)
@@ -296,6 +246,35 @@ def _setting(parameter: Parameter) -> float | str:
     if value.type not in fields:
         raise InvalidModel(f'settings: {name}: wanted a number or a text, got a parameter of type {value.type}')
     return getattr(value, fields[value.type])
+
+
+def joint_message(result: JointResult, stamp: Time, frame_id: str) -> msg.JointEvaluation:
+    """Return the JointEvaluation message of a joint evaluation."""
+    solution, verdict, unknown = result.solution, conclusion_text(conclude(result)), math.nan
+    return msg.JointEvaluation(
+        header=Header(stamp=stamp, frame_id=frame_id), run_ids=[run.run_id for run in solution.model.runs],
+        verdict=verdict.sentence, level=str(verdict.level), action=verdict.action,
+        curves=[joint_curves(motions, one.name, one.sense) for one, motions in result.curves],
+        reversals=[joint_curves(
+            one.motions, one.table, mean=np.where(one.is_known, one.mean, unknown).tolist(),
+            u_mean=np.where(one.is_known, one.u_mean, unknown).tolist(), p=unknown if one.p is None else one.p)
+            for one in result.reversals],
+        tests=[msg.SharingTest(
+            item=test.item, text=ITEMS[test.item], declared=test.item in result.declared, f=float(test.f),
+            degrees_of_freedom=test.dof, p=unknown if test.p is None else test.p, used=test.is_used,
+            contradicted=test.is_contradicted) for test in result.tests],
+        known=list(result.knowledge.known), not_known=list(result.knowledge.hidden), notes=list(result.notes),
+        unknowns=solution.model.unknowns, rank=solution.rank, hidden=solution.hidden.shape[1],
+        hidden_in_curves=solution.hidden_in_curves, degrees_of_freedom=solution.dof, residual_rms=result.rms,
+        sigma=result.sigma, lack_of_fit_p=unknown if result.lack_of_fit_p is None else result.lack_of_fit_p)
+
+
+def joint_curves(motions: records.ErrorMotions, table: str, sense: int = 0, p: float = math.nan,
+                 **means: list[float]) -> msg.JointCurves:
+    """Return the JointCurves message of curves; means: of a reversal."""
+    curves = {curve: motions[curve] for curve in records.CURVES}
+    uncertainties = {f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
+    return msg.JointCurves(table=table, sense=sense, angle=motions.angle, p=p, **curves, **uncertainties, **means)
 
 
 main = partial(run_node, names.EVALUATOR, Evaluator)

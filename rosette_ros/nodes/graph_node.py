@@ -15,12 +15,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
-_UNNAMED = 'one whose name is not known'
+UNNAMED = 'one whose name is not known'
 
 
 def name_of(info: Any) -> str:
     """Return the name, with namespace, of the node that an endpoint belongs to."""
-    return _UNNAMED if 'UNKNOWN' in info.node_name else f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+    return UNNAMED if 'UNKNOWN' in info.node_name else f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
 class GraphNode(Node):

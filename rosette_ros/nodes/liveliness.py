@@ -1,28 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heartbeats, and what they and the graph say about a cell: which nodes are present, settled, disconnected, restarted.
+"""What /diagnostics and the graph say about a cell: which nodes are present, settled, disconnected, restarted.
 
-Each node publishes rosette_msgs/Heartbeat on `<node>/alive`, in a thread of its own: also while it computes. A node
-whose heartbeats stay away, or whose publisher is taken down, is disconnected; the name of the process tells a restarted
-node from the one before. A CMM that publishes no heartbeat is judged by its publishers and subscriptions alone."""
+A node whose status stays away, or whose publisher is taken down, is disconnected; the name of the process in the status
+tells a restarted node from the one before. A CMM without such a status is judged by its publishers and subscriptions
+alone."""
 
 import os
 import threading
 import time
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from rosette_msgs.msg import Heartbeat
 from std_msgs.msg import Header
 
 from rosette_ros.nodes import names, qos
+from rosette_ros.nodes.graph_node import UNNAMED, name_of
 
 if TYPE_CHECKING:
     from rosette_ros.nodes.base_node import CellNode
     from rosette_ros.nodes.node_requests import RecorderLink
 
-_LONGEST_STEP = 0.4  # between two looks for heartbeats: longer, and the node that looks stood still, s
+PROCESS, PROBLEM, HEARS, BUSY_S = 'process', 'problem', 'hears', 'busy_s'
+"""Values of a node's status: the unique name of its process; why it cannot work, empty while it can; `process` of the
+nodes whose statuses it receives; s, since it called something back."""
+BETWEEN = '; '
+_LONGEST_STEP = 0.4  # between two looks for statuses: longer, and the node that looks stood still, s
 _PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
 _NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
 BUSY = 2.0  # a node that has called nothing back for this time is told in /diagnostics, s
@@ -48,21 +53,28 @@ def process_of(gid: Any) -> bytes:
 
 
 def started(node: str, pid: int) -> str:
-    """Return what the name of a node's process begins with in its heartbeats."""
+    """Return what the name of a node's process begins with."""
     return f'{node} {pid} '
 
 
-class HeartbeatPublisher:
-    """The heartbeat of a node; hears: as in Heartbeat.msg."""
+class StatusPublisher:
+    """Publishes the status of a node on /diagnostics, twice a second by a thread of its own: also while it computes.
+
+    hears: `process` of the nodes whose status is received."""
 
     def __init__(self, node: 'CellNode') -> None:
-        self._node = node
-        self.process = f'{started(node.get_name(), os.getpid())}{uuid.uuid4().hex[:12]}'
+        self._node, self._name = node, node.get_name()
+        self.process = f'{started(self._name, os.getpid())}{uuid.uuid4().hex[:12]}'
         self._problem = ''
         self.hears: tuple[str, ...] = ()
-        self._publisher = node.create_publisher(Heartbeat, f'{node.get_name()}/{names.ALIVE}', qos.ALIVE)
+        self._state: tuple[bytes, str, Mapping[str, object]] = DiagnosticStatus.OK, 'starting', {}
+        self._publisher = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STATUS)
         self._served, self._is_ended = 0.0, threading.Event()
-        self._thread = threading.Thread(target=self._run, name='heartbeat', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='status', daemon=True)
+
+    def describe(self, level: bytes, sentence: str, values: Mapping[str, object]) -> None:
+        """Say what the node does from now on."""
+        self._state = level, sentence, values
 
     def report(self, problem: str) -> None:
         """Say why the node cannot do its work, '' where it can; a change is published at once."""
@@ -79,10 +91,14 @@ class HeartbeatPublisher:
 
     def publish(self) -> None:
         """Publish one."""
-        self._publisher.publish(Heartbeat(
-            header=Header(stamp=self._node.now().to_msg()), node=self._node.get_name(), process=self.process,
-            problem=self._problem, hears=list(self.hears), period=qos.HEARTBEAT_PERIOD,
-            busy=time.monotonic() - self._served if self._served else 0.0))
+        level, sentence, values = self._state
+        busy = time.monotonic() - self._served if self._served else 0.0
+        own = {PROCESS: self.process, PROBLEM: self._problem, HEARS: BETWEEN.join(self.hears), BUSY_S: f'{busy:.1f}'}
+        self._publisher.publish(DiagnosticArray(header=Header(stamp=self._node.now().to_msg()), status=[
+            DiagnosticStatus(
+                level=level, name=self._node.get_fully_qualified_name()[1:], message=sentence,
+                hardware_id=self._node.get_namespace()[1:],
+                values=[KeyValue(key=key, value=str(value)) for key, value in {**values, **own}.items()])]))
 
     def end(self) -> None:
         """Publish no more; called before the node is destroyed."""
@@ -96,10 +112,15 @@ class HeartbeatPublisher:
             self.publish()
 
 
-class NodeMonitor:
-    """What the heartbeats say about another node of the cell.
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the values of a status by their keys."""
+    return {one.key: one.value for one in status.values}
 
-    process: that of the last heartbeat, '' before the first; problem, hears, busy: as in Heartbeat.msg."""
+
+class NodeMonitor:
+    """What the statuses of another node of the cell say.
+
+    process: that of the last status, '' before the first; problem, hears, busy: as there."""
 
     def __init__(self, node: Node, peer: str) -> None:
         self._node, self.peer = node, peer
@@ -107,24 +128,22 @@ class NodeMonitor:
         self._heard: set[str] = set()  # since the last process began
         self._waited, self._last, self._watched = 0.0, 0.0, time.monotonic()
         self.process, self.problem, self.hears, self.busy = '', '', tuple[str, ...](), 0.0
-        self._subscription = node.create_subscription(
-            Heartbeat, node.resolve_topic_name(f'{peer}/{names.ALIVE}'), self._on_heartbeat, qos.ALIVE)
 
     def watch(self) -> None:
-        """Forget processes whose heartbeats stay away; called every WAKE_PERIOD.
+        """Forget processes whose statuses stay away; called every WAKE_PERIOD.
 
-        While this node itself stands still, heartbeats wait for it: that time does not count."""
+        While this node itself stands still, statuses wait for it: that time does not count."""
         now = time.monotonic()
         self._waited, self._watched = self._waited + min(now - self._watched, _LONGEST_STEP), now
         self._received = {process: at for process, at in self._received.items()
                           if self._waited - at < qos.HEARTBEAT_LOST}
 
     def count(self) -> int:
-        """Return how many processes publish heartbeats under this name now.
+        """Return how many processes publish a status under this name now.
 
         One that was not heard since another one began counts no more: killed, it has been replaced by that one."""
         running = [process for process in self._received if process in self._heard]
-        return min(len(running), self._subscription.get_publisher_count())
+        return min(len(running), len(self.publishers())) if running else 0
 
     @property
     def is_disconnected(self) -> bool:
@@ -133,29 +152,70 @@ class NodeMonitor:
 
     @property
     def silence(self) -> float:
-        """Time since the last heartbeat of any process, s."""
+        """Time since the last status of any process, s."""
         return self._waited - self._last
 
     @property
     def is_late(self) -> bool:
-        """Whether a heartbeat is overdue of which is not yet known whether it stays away."""
+        """Whether a status is overdue of which is not yet known whether it stays away."""
         return self.count() > 0 and self._waited - max(self._received.values()) > qos.HEARTBEAT_LATE
 
     def running(self) -> int:
-        """Return how many processes run, those counted that have published no heartbeat yet."""
+        """Return how many processes run, those counted that have published no status yet."""
         return self.count() if self.process else 1
 
     def publishers(self) -> list[Any]:
-        """Return the publishers of the heartbeat on the graph, also those of processes that were killed just now."""
-        return self._node.get_publishers_info_by_topic(self._subscription.topic_name)
+        """Return the publishers of the status on the graph, also those of processes that were killed just now.
 
-    def _on_heartbeat(self, message: Heartbeat) -> None:
-        self.process, self.problem, self.hears = message.process, message.problem, tuple(message.hears)
-        self.busy = message.busy
+        One whose node has no name yet may be one of them."""
+        whose = f'{self._node.get_namespace().rstrip("/")}/{self.peer}', UNNAMED
+        return [one for one in self._node.get_publishers_info_by_topic(names.DIAGNOSTICS) if name_of(one) in whose]
+
+    def receive(self, values: Mapping[str, str]) -> None:
+        """Take a status, by its values; one that names no process is of another program."""
+        if not values.get(PROCESS):
+            return
+        self.process, self.problem = values[PROCESS], values.get(PROBLEM, '')
+        self.hears = tuple(filter(None, values.get(HEARS, '').split(BETWEEN)))
+        self.busy = _number(values.get(BUSY_S, ''))
         if self.process not in self._received:
             self._heard.clear()
         self._heard.add(self.process)
         self._received[self.process] = self._last = self._waited
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:  # of a foreign node
+        return 0.0
+
+
+class NodeMonitors:
+    """The NodeMonitor of each node that is asked for, by one subscription to /diagnostics."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._monitors: dict[str, NodeMonitor] = {}
+
+    def of(self, peer: str) -> NodeMonitor:
+        """Return the monitor of a node in the same namespace."""
+        if not self._monitors:
+            self._node.create_subscription(DiagnosticArray, names.DIAGNOSTICS, self._receive, qos.STATUSES)
+        name = f'{self._node.get_namespace()}/{peer}'.lstrip('/')
+        if name not in self._monitors:
+            self._monitors[name] = NodeMonitor(self._node, peer)
+        return self._monitors[name]
+
+    def watch(self) -> None:
+        """Forget processes whose statuses stay away; called every WAKE_PERIOD."""
+        for monitor in self._monitors.values():
+            monitor.watch()
+
+    def _receive(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name in self._monitors:
+                self._monitors[status.name].receive(values_of(status))
 
 
 class Trouble(NamedTuple):
@@ -181,7 +241,7 @@ class Trouble(NamedTuple):
 
 
 class CellMonitor:
-    """The nodes that a calibration needs, as the graph and their heartbeats describe them.
+    """The nodes that a calibration needs, as the graph and their statuses describe them.
 
     status: what the cell lacks, or that it is complete, in words."""
 
@@ -244,7 +304,7 @@ class CellMonitor:
         return self._complete_since is not None and now - self._complete_since >= SETTLING and self._is_recorded()
 
     def _is_recorded(self) -> bool:
-        """Return whether the recorder reports the heartbeats of the others; a node without heartbeat is left out."""
+        """Return whether the recorder receives the statuses of the others; a node without one is left out."""
         recorder = self._monitors[names.RECORDER]
         others = {monitor.process for name, monitor in self._monitors.items()
                   if name != names.RECORDER and monitor.process and not monitor.is_disconnected}
@@ -268,10 +328,6 @@ class CellMonitor:
         """Return whether another recorder is there than that of a run."""
         return names.RECORDER in self.trouble(processes, self.ignored).restarted
 
-    def has_lost_recorder(self, processes: dict[str, str]) -> bool:
-        """Return whether the recorder of a run is disconnected or another one."""
-        return names.RECORDER in self.trouble(processes, self.ignored).nodes
-
     def conflicts(self, publisher: str = '') -> list[str]:
         """Return which topics of a run have several publishers, in words; publisher: of this node, '' of any."""
         return [one.conflict for topic, one in self._publishers_of.items()
@@ -292,8 +348,8 @@ class CellMonitor:
         return self._monitors[name].is_late
 
     def busy(self) -> list[str]:
-        """Return which present nodes call nothing back, and for how long: they compute, or they hang."""
-        return [f'{name} has answered nothing for {monitor.busy:.0f} s: it computes, hangs or lacks processor time'
+        """Return which present nodes call nothing back: they compute, or they hang."""
+        return [f'{name} has answered nothing for more than {BUSY:g} s: it computes, hangs or lacks processor time'
                 for name, monitor in self._monitors.items() if monitor.busy > BUSY and not monitor.is_disconnected]
 
     def _is_disconnected(self, name: str) -> bool:

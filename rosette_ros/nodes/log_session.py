@@ -1,25 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The log that the recorder has open: what was received before it, what it holds of a run."""
+"""The logs of the recorder: the open one and what it holds of a run, those of earlier parts."""
 
+import os
+import re
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from enum import Enum
+from itertools import count, takewhile
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from rosette_msgs import msg
-from rosette_msgs.srv import Recorded, StopRecording
+from rosette_msgs.msg import CalibrationEvent
+from rosette_msgs.srv import Recall, Recorded, StopRecording
 from service_msgs.msg import ServiceEventInfo
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidData, RosetteError
-from rosette_ros.io.bag_metadata import Qos
+from rosette_ros.io.bag_metadata import Qos, find_files
+from rosette_ros.io.log_reader import MAGIC, LoggedMessage, iter_log
 from rosette_ros.io.log_writer import COMPRESSIONS, LogWriter
 from rosette_ros.io.messages import answer_of, nanoseconds, phase_name, table_frame_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
-from rosette_ros.io.type_definitions import TypeDefinition
-from rosette_ros.nodes.interfaces import decoded
+from rosette_ros.io.type_definitions import TypeDefinition, TypeLibrary
+from rosette_ros.nodes import names
+from rosette_ros.nodes.interfaces import decoded, interface_class
 from rosette_ros.nodes.node_requests import END_EVENTS
 
 LATCHED_KEPT = 10
@@ -27,6 +33,14 @@ RECENT_KEPT = 256
 
 LOG = (  # a change applies from the next log on
     Wanted('compression', 'none', 'how the chunks of a log are compressed', choices=tuple(COMPRESSIONS)),)
+
+_PART = re.compile(r'(?P<run>.+)_part(?P<number>[1-9]\d{0,5})')
+_FIELDS = {'rosette_msgs/msg/ProbeTarget': 'targets', 'rosette_msgs/msg/BallCentre': 'answers',
+           'rosette_msgs/msg/CalibrationEvent': 'events'}
+_COPIED = {'rosette_msgs/msg/ProbeTarget': names.PROBE_TARGET, 'rosette_msgs/msg/BallCentre': names.BALL_CENTRE,
+           'rosette_msgs/msg/Touches': names.TOUCHES}
+"""What of an earlier part opens the log that continues it; and the table frames after its first target: those before it
+are of earlier runs, whatever their stamps are."""
 
 
 class Retention(Enum):
@@ -55,8 +69,8 @@ class RunContents:
         msg.Model: lambda message: message.hash, msg.Diagnosis: lambda message: None,
         StopRecording.Event: lambda message: message.info.event_type,
         msg.ErrorMotions: lambda message: nanoseconds(message.header.stamp)}
-    UNREAD = (msg.Touches,)  # kept as received: nothing that the recorder tells depends on them
-    KINDS = (msg.ProbeTarget, msg.BallCentre, TFMessage, *UNREAD, *_IDENTITIES)
+    KINDS = (msg.ProbeTarget, msg.BallCentre, TFMessage, *_IDENTITIES)
+    AT_ONCE = 1000
 
     def __init__(self, run_id: str, report: Callable[[str], object] = str) -> None:
         """Start empty; report: called with the words about a message that cannot be decoded."""
@@ -67,13 +81,12 @@ class RunContents:
 
     def receive(self, kind: type, message: Message) -> None:
         """Take a message of one of KINDS; it is decoded when that is needed, since many may arrive."""
-        if kind in self.UNREAD:
-            self._kept[message.topic, message.data] = message
-        else:
-            self._received.append((kind, message))
+        self._received.append((kind, message))
+        if len(self._received) > self.AT_ONCE:
+            _ = self.answers
 
     def messages(self) -> list[Message]:
-        """Return what was taken of the run, of its states the last: with it the run can go on in another log."""
+        """Return what was taken of the run besides targets and answers, of its states the last."""
         return list(self._kept.values()) if self.answers else []
 
     @property
@@ -93,7 +106,7 @@ class RunContents:
         is_frame = isinstance(message, TFMessage)
         if not is_frame and self._answers.run_id not in [one.run_id for one in getattr(message, 'request', [message])]:
             return
-        if raw is not None:
+        if raw is not None and kind not in (msg.ProbeTarget, msg.BallCentre):
             self._kept[raw.topic if kind is msg.RunState else (raw.topic, raw.data)] = raw
         if is_frame:
             self._answers.frames += filter(None, map(table_frame_of, message.transforms))
@@ -109,12 +122,10 @@ class RunContents:
         answers, wanted_too = self.answers, dict[tuple[type, Hashable], str]()
         missing = []
         if isinstance(wanted, Recorded.Request):
-            if stamp := nanoseconds(wanted.error_motions):
-                missing += ['the table frame'] * bool(answers.lacking(0))
-                wanted_too[msg.ErrorMotions, stamp] = 'the error motions'
-                missing += ['the readings of these error motions'] * (wanted.readings_hash != answers.readings_hash)
-            if wanted.model_hash:
-                wanted_too[msg.Model, wanted.model_hash] = 'the model'
+            missing += ['the table frame'] * bool(answers.lacking(0))
+            missing += ['the readings'] * (wanted.readings_hash != answers.readings_hash)
+            wanted_too[msg.ErrorMotions, nanoseconds(wanted.error_motions)] = 'the error motions'
+            wanted_too[msg.Model, wanted.model_hash] = 'the model'
             if wanted.diagnosis:
                 wanted_too[msg.Diagnosis, None] = 'the diagnosis'
         else:
@@ -122,8 +133,7 @@ class RunContents:
             wanted_too[StopRecording.Event, ServiceEventInfo.REQUEST_RECEIVED] = 'this request'
             if wanted.phase in END_EVENTS:
                 wanted_too[msg.CalibrationEvent, END_EVENTS[wanted.phase]] = 'the event of the end'
-        if wanted.phase:
-            wanted_too[msg.RunState, wanted.phase] = f'the state {phase_name(wanted.phase).lower()}'
+                wanted_too[msg.RunState, wanted.phase] = f'the state {phase_name(wanted.phase).lower()}'
         return missing + [words for key, words in wanted_too.items() if key not in self._held]
 
 
@@ -243,3 +253,79 @@ class LogSession:
     def _add_to_log(self, writer: LogWriter, topic: str, profiles: list[Qos]) -> None:
         writer.add_topic(topic, self._definitions[topic], profiles)
         self._written.add(topic)
+
+
+def find_part(log_dir: Path, wanted: str) -> Path:
+    """Return the folder of the log to continue from; wanted: its name in `log_dir`, its path or that of its .mcap file,
+    or a run_id (last part).
+
+    Raises InvalidData where there is none, it lies elsewhere, or was continued already."""
+    path = Path(os.path.expanduser(wanted))
+    if path.suffix == '.mcap' and path.parent.name and path.name.startswith(f'{path.parent.name}_'):
+        path, wanted = path.parent, str(path.parent)
+    longest = max(map(len, wanted.encode(errors='replace').split(b'/')))
+    if not path.name.strip('.') or longest > 255 or '\0' in wanted:
+        raise InvalidData(f'resume: wanted the name of a log in {log_dir}, got {wanted!r:.100}')
+    if path.name != wanted and path.absolute().parent.resolve() != log_dir.resolve():
+        raise InvalidData(f'resume: wanted a log in the folder of the recorder, {log_dir}, got {wanted!r:.100}; '
+                          'copy it there')
+    parts = parts_of(log_dir, run_of(path.name))
+    is_part = run_of(path.name) != path.name
+    if not parts or (is_part and log_dir / path.name not in parts):
+        raise InvalidData(f'resume: wanted the log of a run in {log_dir}, got none named {path.name!r}; check the name')
+    if is_part and log_dir / path.name != parts[-1]:
+        raise InvalidData(f'resume: {path.name} was continued already; resume {parts[-1].name}')
+    return parts[-1]
+
+
+def run_of(name: str) -> str:
+    """Return the run_id in the name of a log."""
+    match = _PART.fullmatch(name)
+    return match['run'] if match else name
+
+
+def parts_of(log_dir: Path, run_id: str) -> list[Path]:
+    """Return the folders of a run's logs in order: the run, `_part2`, `_part3` and so on."""
+    first = [log_dir / run_id] if (log_dir / run_id).is_dir() else []
+    return first + list(takewhile(Path.is_dir, (log_dir / f'{run_id}_part{number}' for number in count(2))))
+
+
+def next_part(log_dir: Path, run_id: str) -> Path:
+    """Return the folder of the next part of a run."""
+    return log_dir / f'{run_id}_part{max(len(parts_of(log_dir, run_id)), 1) + 1}'
+
+
+def recall(folder: Path, library: TypeLibrary) -> Recall.Response:
+    """Return what a log holds of its run; library: of the installed messages.
+
+    Of a log that was not closed no success is returned: its run can be resumed, and ends from what is in the log.
+    Raises InvalidData where the log cannot be read or was written with another version of the messages."""
+    response = Recall.Response(success=True, log=folder.name, run_id=run_of(folder.name))
+    files = find_files(folder).files
+    if not any(file.stat().st_size for file in files):
+        return response
+    for message in iter_log(folder):
+        if message.type_name in _FIELDS:
+            if message.channel.type_hash not in ('', library.definition(message.type_name).hash):
+                raise InvalidData(f'resume: {folder.name}: was written with another version of {message.type_name}; '
+                                  'it can be evaluated, not continued')
+            found = decoded(message.data, interface_class(message.type_name))
+            if found.run_id == response.run_id:
+                getattr(response, _FIELDS[message.type_name]).append(found)
+    with open(files[-1], 'rb') as stream:
+        stream.seek(-len(MAGIC), os.SEEK_END)
+        is_closed = stream.read() == MAGIC
+    if not is_closed:
+        response.events = [event for event in response.events if event.kind != CalibrationEvent.SUCCEEDED]
+    return response
+
+
+def iter_copied(folder: Path) -> Iterator[tuple[str, LoggedMessage]]:
+    """Yield (name of the topic, message) for what of a log opens the next part."""
+    has_begun = False
+    for message in iter_log(folder):
+        if message.type_name in _COPIED:
+            has_begun = True
+            yield _COPIED[message.type_name], message
+        elif message.channel.is_static_frames and has_begun:
+            yield names.TF_STATIC, message

@@ -14,10 +14,10 @@ DOMAINS = range(233)
 
 PROBE_TARGET, BALL_CENTRE, TOUCHES = 'probe_target', 'ball_centre', 'touches'
 ERROR_MOTIONS, MODEL, DIAGNOSIS = 'error_motions', 'model', 'diagnosis'
-RUN_STATE, CALIBRATION_EVENT = 'run_state', 'calibration_event'
+RUN, RUN_STATE, CALIBRATION_EVENT = 'run', 'run_state', 'calibration_event'
 
-PUBLISHERS = {PROBE_TARGET: SEQUENCER, RUN_STATE: SEQUENCER, BALL_CENTRE: CMM, TOUCHES: CMM, ERROR_MOTIONS: EVALUATOR,
-              MODEL: EVALUATOR, DIAGNOSIS: EVALUATOR}
+PUBLISHERS = {PROBE_TARGET: SEQUENCER, RUN: SEQUENCER, RUN_STATE: SEQUENCER, BALL_CENTRE: CMM, TOUCHES: CMM,
+              ERROR_MOTIONS: EVALUATOR, MODEL: EVALUATOR, DIAGNOSIS: EVALUATOR}
 """The one node that publishes each topic of a run; what another one publishes there is not used."""
 
 CALIBRATE, CALIBRATE_FEEDBACK, CALIBRATE_STATUS = 'calibrate', 'calibrate/_action/feedback', 'calibrate/_action/status'
@@ -34,8 +34,6 @@ SERVICE_EVENT = '/_service_event'
 
 TABLE_CORRECTOR, JOINT_STATES, CORRECT_POINT = 'table_corrector', 'joint_states', 'table_corrector/correct_point'
 """The node that applies a correction; it runs beside robots and machines, not in the calibration cell."""
-
-ALIVE = 'alive'  # below the name of each node: its heartbeat
 
 TF, TF_STATIC, CLOCK, DIAGNOSTICS = '/tf', '/tf_static', '/clock', '/diagnostics'
 ROSOUT, PARAMETER_EVENTS = '/rosout', '/parameter_events'

@@ -1,23 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Requests of nodes to recorder and evaluator."""
+"""Requests of the sequencer to recorder, evaluator and CMM."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.task import Future
-from rosette_msgs.msg import CalibrationEvent
-from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
+from rosette_msgs.msg import CalibrationEvent, ProbeTarget
+from rosette_msgs.srv import CheckPlan, Recall, Recorded, StartRecording, StopRecording
 
-from rosette_ros.io.messages import Phase
-from rosette_ros.nodes import names
+from rosette_ros.calibration.state_machine import Sequence
+from rosette_ros.core.errors import CellError, plain
+from rosette_ros.io.messages import MACHINE_FRAME, Phase
+from rosette_ros.nodes import conversions, names
 from rosette_ros.nodes.base_node import WAKE_PERIOD, CellNode
 from rosette_ros.nodes.interfaces import introspected_client
 
 END_EVENTS: dict[int, int] = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
                               Phase.FAILED: CalibrationEvent.FAILED}
+_PLAN_TIMEOUT = 30.0  # for the answer, s; the ways around 72 balls at all table positions take some seconds
+_AT_ONCE = 1000  # targets that are made at a time, between which the node answers others
 RECALL_TIMEOUT = 60.0  # how long the recorder may read in its logs, s
 
 
@@ -41,6 +46,7 @@ class Requests:
         """Take the name of the other node, for messages."""
         self._node, self._other = node, other
         self._calls: list[_Call] = []
+        self.has_answered = True  # whether the last response is that of the other node itself
 
     def tick(self, now: float) -> None:
         """Repeat requests and answer those that are overdue; call it from a timer. now: steady time, s."""
@@ -61,6 +67,7 @@ class Requests:
         self._calls.remove(call)
         if call.future is not None:
             call.client.remove_pending_request(call.future)
+        self.has_answered = False
         call.done(call.client.srv_type.Response(success=False, message=words))
 
     def call(self, client: Client, request: Any, timeout: float, done: Callable[[Any], None],
@@ -83,6 +90,7 @@ class Requests:
             call.request, call.future = request, None
             return
         self._calls.remove(call)
+        self.has_answered = True
         call.done(future.result())
 
 
@@ -125,11 +133,6 @@ class Progress:
         return self._times * WAKE_PERIOD < self._patience or self._seconds() - self._since < self._patience
 
 
-def recorded_answers(response: Recorded.Response) -> set[tuple[int, int]]:
-    """Return (seq, stamp in ns) of all usable answers that are in a log."""
-    return set(zip(response.seq, response.stamp_ns, strict=True))
-
-
 class RecorderLink(Recalls):
     """The sequencer's side of the protocol with the recorder."""
 
@@ -154,14 +157,62 @@ class RecorderLink(Recalls):
         self.call(self._stop, request, timeout, done,
                    lambda response: request if response.missing and not response.log else None)
 
-    def recorded(self, request: Recorded.Request, answers: Collection[tuple[int, int]], patience: float, timeout: float,
-                 done: Callable[[Recorded.Response], None]) -> None:
-        """Request what of a run is in its log; answers, (seq, stamp in ns), and what is named, are waited for as in
-        Progress."""
-        progress = Progress(self._node.seconds, patience)
+    def recorded(self, request: Recorded.Request, timeout: float, done: Callable[[Recorded.Response], None]) -> None:
+        """Request whether the log holds results and readings; what is missing is waited for as in Progress."""
+        progress = Progress(self._node.seconds, 0.8 * timeout)
 
         def repeat(response: Recorded.Response) -> Recorded.Request | None:
-            lacking = len(set(answers) - recorded_answers(response)) + len(response.missing)
-            return request if response.success and lacking and progress.is_expected(lacking) else None
+            is_expected = response.success and response.missing and progress.is_expected(len(response.missing))
+            return request if is_expected else None
 
         self.call(self._recorded, request, timeout, done, repeat)
+
+
+class PlanCheck:
+    """The question to the CMM, once for each run."""
+
+    def __init__(self, node: CellNode) -> None:
+        self._node = node
+        self._client = node.create_client(CheckPlan, names.CHECK_PLAN)
+        self._run_id, self._sent = '', 0.0
+        self._targets: Iterator[ProbeTarget] | None = None
+        self._question = CheckPlan.Request()
+        self._answer: Future | None = None
+
+    @property
+    def is_asking(self) -> bool:
+        """Whether the question is made, or its answer is awaited."""
+        return self._targets is not None or (self._answer is not None and not self._answer.done())
+
+    def is_passed(self, sequence: Sequence, now: float) -> bool:
+        """Return whether the CMM takes the plan, or does not offer to say so; False while it is asked.
+
+        now: steady time, s. Raises CellError where it does not, in its words."""
+        if self._run_id != sequence.run_id:
+            self._run_id, self._question, self._targets, self._answer = sequence.run_id, CheckPlan.Request(), None, None
+            if self._client.service_is_ready():
+                self._targets = self._targets_of(sequence)
+        if self._targets is not None:
+            more = list(islice(self._targets, _AT_ONCE))
+            self._question.targets.extend(more)
+            if len(more) == _AT_ONCE:
+                return False
+            self._targets, self._sent, self._answer = None, now, self._client.call_async(self._question)
+            self._question = CheckPlan.Request()
+        if self._answer is None:
+            return True
+        if not self._answer.done():
+            if now > self._sent + _PLAN_TIMEOUT:
+                self._client.remove_pending_request(self._answer)
+                raise CellError(f'the CMM did not say within {_PLAN_TIMEOUT:g} s whether it can measure this plan')
+            return False
+        answer = self._answer.result()
+        if not answer.success:
+            raise CellError(f'the CMM cannot measure this plan: {plain(answer.message, most=2000)}')
+        return True
+
+    def _targets_of(self, sequence: Sequence) -> Iterator[ProbeTarget]:
+        plan, stamp = sequence.plan, self._node.now().to_msg()
+        for index in range(plan.total):
+            target = plan.placed(plan.target(index), plan.taught, MACHINE_FRAME)
+            yield conversions.target_message(target._replace(run_id=sequence.run_id), stamp)

@@ -22,15 +22,13 @@ STATE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
 RESULT = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 EVENT = _profile(100)
 CLOCK = _profile(10)
-HEALTH = _profile(10)
+STATUS = _profile(10)
+STATUSES = _profile(100)  # from all nodes of the domain
 
-HEARTBEAT_PERIOD = 0.5  # a node publishes its heartbeat at this interval, s
+HEARTBEAT_PERIOD = 0.5  # a node publishes its status at this interval, s
 HEARTBEAT_LATE = 1.5 * HEARTBEAT_PERIOD  # after this time it is waited for, and nothing is asked again, s
-HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD  # a process without a heartbeat for this time is disconnected, s
+HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD  # a process without a status for this time is disconnected, s
 HEARTBEAT_HANGS = 40 * HEARTBEAT_PERIOD  # after this time, its supervisor ends and restarts a process that runs, s
-ALIVE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
-"""Heartbeats: on a topic of their own, so that a CMM with other QoS still fits the cell. Ten deep: in a queue of one,
-the heartbeats of two processes of one name would replace each other."""
 
 TRANSFORMS = _profile(100)
 JOINTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

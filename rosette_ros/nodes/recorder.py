@@ -7,29 +7,42 @@ import re
 import shutil
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
-from rosette_msgs.msg import CalibrationEvent, Heartbeat, ProbeTarget, RunState
+from rosette_msgs.msg import CalibrationEvent, ProbeTarget, Run, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
+from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData, RosetteError, plain
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import RESUMES_KEY, SIMULATED_KEY
-from rosette_ros.io.messages import nanoseconds
+from rosette_ros.io.messages import Answer, Target, nanoseconds
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WAKE_PERIOD, CellNode, Health, run_node
 from rosette_ros.nodes.interfaces import decoded, interface_class, introspected_service
-from rosette_ros.nodes.log_recall import find_part, iter_copied, next_part, recall
-from rosette_ros.nodes.log_session import LOG, LogSession, Message, Retention, RunContents
+from rosette_ros.nodes.liveliness import PROCESS, values_of
+from rosette_ros.nodes.log_session import (
+    LOG,
+    LogSession,
+    Message,
+    Retention,
+    RunContents,
+    find_part,
+    iter_copied,
+    next_part,
+    recall,
+)
 from rosette_ros.nodes.node_requests import Progress
 
 WANTED = (
@@ -64,6 +77,7 @@ TOPICS = (
     RecordedTopic(names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis'),
     RecordedTopic(names.JOINT_EVALUATION, 'rosette_msgs/msg/JointEvaluation'),
+    RecordedTopic(names.RUN, 'rosette_msgs/msg/Run', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.RUN_STATE, 'rosette_msgs/msg/RunState', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.CALIBRATE_FEEDBACK, 'rosette_msgs/action/Calibrate_FeedbackMessage'),
     RecordedTopic(names.CLOCK, 'rosgraph_msgs/msg/Clock'),
@@ -73,7 +87,6 @@ TOPICS = (
     RecordedTopic(names.CALIBRATION_EVENT, 'rosette_msgs/msg/CalibrationEvent', Retention.RECENT),
     RecordedTopic(names.CALIBRATE_STATUS, 'action_msgs/msg/GoalStatusArray', Retention.RECENT),
     RecordedTopic(names.STOP_RECORDING + names.SERVICE_EVENT, 'rosette_msgs/srv/StopRecording_Event'),
-    *(RecordedTopic(f'{node}/{names.ALIVE}', 'rosette_msgs/msg/Heartbeat') for node in names.NODES),
     RecordedTopic(names.PARAMETER_EVENTS, 'rcl_interfaces/msg/ParameterEvent', Retention.RECENT),
     RecordedTopic(names.ROSOUT, 'rcl_interfaces/msg/Log', Retention.RECENT),
     *(RecordedTopic(name + names.SERVICE_EVENT, type_name, Retention.RECENT) for name, type_name in (
@@ -84,7 +97,7 @@ TOPICS = (
         (names.CANCEL_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
         (names.START_RECORDING, 'rosette_msgs/srv/StartRecording_Event'))))
 """What a cell publishes; other topics in its namespace are found on the graph."""
-HANDLED = (RunState, Heartbeat, CalibrationEvent)
+HANDLED = (Run, RunState, CalibrationEvent)
 """What means something for the recorder itself."""
 
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,127}')
@@ -110,7 +123,9 @@ class Recorder(CellNode):
         self._simulated_now = 0
         self._last = 'no log yet'
         self._processes: dict[str, str] = {}
+        self._statuses: dict[str, tuple[Any, ...]] = {}  # of each node, as recorded last
         self._subscribed: dict[str, Subscription] = {}
+        self._cell = [f'{self.get_namespace()}/{node}'.lstrip('/') for node in names.NODES]
         self._clock_topic, self._rosout_topic = map(self.resolve_topic_name, (names.CLOCK, names.ROSOUT))
         self._kinds = {self.resolve_topic_name(topic.name): interface_class(topic.type_name) for topic in TOPICS}
         self._not_recorded = set() if self._is_simulated else {self._clock_topic}
@@ -138,32 +153,70 @@ class Recorder(CellNode):
                 return
             log_time = self._simulated_now if self._is_simulated and self._simulated_now else time.time_ns()
             kind = self._kinds.get(topic, object)
-            if kind is ProbeTarget and self._is_of_another_run(data):
+            if (kind in (ProbeTarget, Run) and self._is_of_another_run(decoded(data, kind))) or (
+                    kind is DiagnosticArray and not self._is_news(decoded(data, kind))):
                 return
             message = Message(topic, data, log_time, log_time, self.seconds())
             is_in_log = self._session.take(message) or (self._replace_damaged() and self._session.take(message))
             if is_in_log and kind in RunContents.KINDS:
                 self._contents.receive(kind, message)
             if kind in HANDLED:
-                self._handle(topic, decoded(data, kind))
+                self._handle(decoded(data, kind))
         except InvalidData as error:
             self.get_logger().error(f'{topic}: {error}')
 
-    def _is_of_another_run(self, data: bytes) -> bool:
-        """Return whether a target is not of the open log: a new subscription may get those of earlier runs late.
+    def _is_of_another_run(self, message: Any) -> bool:
+        """Return whether a message is not of the open log: a new subscription may get those of earlier runs late."""
+        return self._session.is_open and bool(message.run_id != self._session.run_id)
 
-        Raises InvalidData where it is no target at all."""
-        return self._session.is_open and bool(decoded(data, ProbeTarget).run_id != self._session.run_id)
+    def _is_news(self, message: DiagnosticArray) -> bool:
+        """Return whether a status has another level, message or process than the one before in the same log: a node
+        repeats its status twice a second."""
+        before, log = dict(self._statuses), self._session.directory if self._session.is_open else None
+        for status in message.status:
+            process = values_of(status).get(PROCESS, '')
+            self._statuses[status.name] = log, status.level, status.message, process
+            if process and status.name in self._cell:
+                self._processes[status.name] = process
+        return self._statuses != before
 
-    def _handle(self, topic: str, message: Any) -> None:
-        if isinstance(message, Heartbeat):
-            self._processes[topic] = message.process
-        elif isinstance(message, CalibrationEvent):
+    def _handle(self, message: Any) -> None:
+        if isinstance(message, CalibrationEvent):
             if message.kind == CalibrationEvent.REQUESTED and message.run_id:
                 self._requested = message.run_id, self.seconds()
+        elif isinstance(message, Run):
+            self._fill(message)
         else:
             self._told = message.run_id, message.phase
             self._note_end()
+
+    def _fill(self, message: Run) -> None:
+        """Write what of the run is not in its open log."""
+        if not self._is_log_of(message.run_id):
+            return
+        known = self._contents.answers
+        found = {one.stamp_ns for one in known.frames}
+        for frame in message.frames:
+            if nanoseconds(frame.header.stamp) not in found:
+                self._receive(self.resolve_topic_name(names.TF_STATIC), serialize_message(
+                    TFMessage(transforms=[frame])))
+        asked, received = known.keys()
+        if (asked.issuperset(zip(message.target_seq, message.target_session, message.target_attempt))
+                and received.issuperset(zip(message.answer_seq, message.answer_stamp_ns))):
+            return
+        targets, answers = conversions.answers_of(message).lacking_in(known)
+        for topic, data in self._readings(targets, answers):
+            self._receive(topic, data)
+        self.get_logger().warning(f'run {message.run_id}: {len(targets)} targets and {len(answers)} answers were not '
+                                  'in its log; they are now, as the sequencer has them')
+
+    def _readings(self, targets: Iterable[Target], answers: Iterable[Answer]) -> Iterator[tuple[str, bytes]]:
+        """Yield (topic, CDR) of targets and answers."""
+        topic, answer_topic = map(self.resolve_topic_name, (names.PROBE_TARGET, names.BALL_CENTRE))
+        for target in targets:
+            yield topic, serialize_message(conversions.target_message(target))
+        for answer in answers:
+            yield answer_topic, serialize_message(conversions.answer_message(answer))
 
     def _on_restart(self) -> None:
         """Close the log of a run whose sequencer was restarted."""
@@ -240,9 +293,7 @@ class Recorder(CellNode):
         contents = RunContents(run_id, self.get_logger().error)
         for message in messages:
             kind = self._kinds[message.topic]
-            if kind in contents.UNREAD:
-                contents.receive(kind, message)
-            else:
+            if kind in RunContents.KINDS:
                 contents.add(decoded(message.data, kind), message)
         return contents
 
@@ -253,7 +304,10 @@ class Recorder(CellNode):
         session, damage = self._session, self._session.damage(is_whole)
         if not damage:
             return False
-        why, kept = f'the log {session.directory} is damaged: {damage}', self._contents.messages()
+        now, known = self.now().nanoseconds, self._contents.answers
+        why, kept = f'the log {session.directory} is damaged: {damage}', [
+            *self._contents.messages(), *(Message(*reading, now, now, 0.0) for reading in self._readings(
+                known.targets, known.answers))]
         directory = next_part(self._log_dir, session.run_id)
         links = self._said | {RESUMES_KEY: session.directory.name}
         try:
@@ -263,7 +317,7 @@ class Recorder(CellNode):
             self.get_logger().error(session.failure)
         else:
             self._contents = contents
-            self.get_logger().error(f'{why}; it continues in {directory}, which begins with all that is known of it')
+            self.get_logger().error(f'{why}; it continues in {directory}, which begins with its ball centres')
         return True
 
     def _check_room(self, directory: Path) -> None:
@@ -279,17 +333,14 @@ class Recorder(CellNode):
 
     def _on_recall(self, request: Recall.Request, response: Recall.Response) -> Recall.Response:
         """Return what is recorded of a run, up to this moment where its log is open."""
+        self._session.flush()
         try:
-            if self._is_log_of(request.run):
-                self._replace_damaged(is_whole=True)
-                self._session.flush()
-                return recall(self._session.directory, self._library)
             return recall(find_part(self._log_dir, request.run), self._library)
         except RosetteError as error:
             return Recall.Response(message=str(error))
 
     def _on_recorded(self, request: Recorded.Request, response: Recorded.Response) -> Recorded.Response:
-        """Return which answers are in the open log, once it is on the disk."""
+        """Return what of results and readings the open log lacks, once it is on the disk."""
         if not self._is_log_of(request.run_id):
             response.message = f'wanted the log of run {plain(request.run_id)} open, got {self._open_log}'
             return response
@@ -298,9 +349,7 @@ class Recorder(CellNode):
         self._looked = there
         self._session.flush()
         response.success, response.message = not self._session.failure, self._session.failure
-        stamps = list(self._contents.answers.good_stamps())
         response.missing = self._contents.missing(request)
-        response.seq, response.stamp_ns = [seq for seq, _ in stamps], [stamp for _, stamp in stamps]
         return response
 
     def _on_stop(self, request: StopRecording.Request, response: StopRecording.Response) -> StopRecording.Response:
@@ -338,12 +387,12 @@ class Recorder(CellNode):
         return Path(self.parameters['log_dir']).expanduser().absolute()
 
     def wake(self) -> None:
-        """Bring what was written to the disk; close the log of a run that is over; update the heartbeat."""
+        """Bring what was written to the disk; close the log of a run that is over; update the status."""
         self._replace_damaged()
         self._session.flush(only_if_due=True)
-        self.heartbeat.report(self._session.failure if self._session.is_open else '')
+        self.status.report(self._session.failure if self._session.is_open else '')
         is_whole = self._is_connected() and self.has_single_publishers
-        self.heartbeat.hears = tuple(self._processes.values()) if is_whole else ()
+        self.status.hears = tuple(self._processes.values()) if is_whole else ()
         if not self.publishers_of(names.RUN_STATE).is_single:  # while no states are used, none tells that it goes on
             self._over_since = max(self._over_since, self.seconds())
         self._close_if_over()
@@ -360,7 +409,7 @@ class Recorder(CellNode):
             session.close()
         except RosetteError as error:
             session.failure = session.failure or str(error)
-        self.heartbeat.report('')
+        self.status.report('')
         if session.failure:
             self._last = f'run {session.run_id}: {session.failure}'
             self.get_logger().error(self._last)
@@ -385,7 +434,7 @@ class Recorder(CellNode):
         values = {'run_id': session.run_id, 'messages': session.messages, 'lost': session.lost}
         if session.failure:
             return ERROR, session.failure, values
-        return OK, f'recording run {session.run_id}: {session.messages} messages', values
+        return OK, f'recording run {session.run_id}', values
 
 
 main = partial(run_node, names.RECORDER, Recorder)

@@ -4,13 +4,13 @@
 import sys
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from rclpy.action import CancelResponse, GoalResponse
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, JointEvaluation, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, JointEvaluation, ProbeTarget, Run, RunState
 from rosette_msgs.srv import EvaluateJointly, Recall, Recorded, StartRecording, StopRecording
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -18,22 +18,30 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.goal import Job, Request, make_job
 from rosette_ros.calibration.settings import IDENTITY, LIMITS, PLANNED, RESUME, Wanted, goal_changes
-from rosette_ros.calibration.state_machine import Ask, Command, Finish, Locate, PublishState, Remark, Results, Verify
+from rosette_ros.calibration.state_machine import (
+    Ask,
+    Command,
+    Finish,
+    Locate,
+    PublishRun,
+    PublishState,
+    Remark,
+    Results,
+    Verify,
+)
 from rosette_ros.core.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, answer_of, nanoseconds
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
-from rosette_ros.nodes.node_requests import END_EVENTS, RecorderLink, Requests, recorded_answers
-from rosette_ros.nodes.plan_check import PlanCheck
+from rosette_ros.nodes.node_requests import END_EVENTS, PlanCheck, RecorderLink, Requests
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
 CELL = (
     Wanted('require_recorder', True, 'whether a run without a log is refused'),
     Wanted('recorder_timeout_s', 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),
     Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz', 0.1, 1e4))
-ANSWERS_TIMEOUT = 4.0  # how long answers may be under way to the log, s: Fast DDS repeats what was lost after 3 s
 TELL = 60.0  # a run logs its progress so often, s
 REMARKS = 5  # so many of the last warnings of a run are in /diagnostics
 
@@ -50,6 +58,7 @@ class Sequencer(ManagedNode):
         self._states = self.create_publisher(RunState, names.RUN_STATE, qos.STATE)
         self._events = self.create_publisher(CalibrationEvent, names.CALIBRATION_EVENT, qos.EVENT)
         self._targets = self.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
+        self._runs = self.create_publisher(Run, names.RUN, qos.RESULT)
         self._frames = self.create_publisher(TFMessage, names.TF_STATIC, qos.RESULT)
         self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER, from_one=True)
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
@@ -147,7 +156,7 @@ class Sequencer(ManagedNode):
         job, self._next_job = self._next_job, None
         if job is None:
             return
-        self._job, job.since = job, self.seconds()
+        self._job, job.since, job.sequence.clock = job, self.seconds(), self._nanoseconds
         self._taken.add(job.run_id)
         self._cell.update(job.since, self.parameters['require_recorder'])
         for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.ACCEPTED):
@@ -180,6 +189,9 @@ class Sequencer(ManagedNode):
         job.sequence.verifies = job.recording
         if job.is_over:
             self._close(job, end_is_recorded=False)
+        elif response.success and job.sequence.is_held:
+            self._publish_run(job)
+            self._do(job, job.sequence.resume_asking(self.seconds(), restarted=True))
         elif response.success:
             self._do(job, job.sequence.begin(self.seconds()))
         else:
@@ -190,10 +202,7 @@ class Sequencer(ManagedNode):
         if job is None or job.is_over:
             return
         done = job.sequence.done
-        commands = job.sequence.answer(answer_of(message), self.seconds())
-        if job.sequence.done > done:  # else it is not used, nor is its time
-            job.stamp_ns = max(job.stamp_ns, nanoseconds(message.header.stamp))
-        self._do(job, commands)
+        self._do(job, job.sequence.answer(answer_of(message), self.seconds()))
         if job.sequence.done > done and self.seconds() - self._published >= 1.0 / self.parameters['state_rate_hz']:
             self._publish_state(job)
 
@@ -202,7 +211,7 @@ class Sequencer(ManagedNode):
         if job is not None and message.run_id == job.run_id:
             results = Results(nanoseconds(message.header.stamp), message.readings_hash, message.model_hash,
                               message.diagnosed)
-            commands = job.sequence.evaluated(results, self.seconds())
+            commands = job.sequence.evaluated(results)
             job.motions = message if commands else job.motions
             self._do(job, commands)
 
@@ -221,7 +230,8 @@ class Sequencer(ManagedNode):
         self._recorder.tick(now)
         self._joint.tick(now)
         job = self._job
-        if job and (job.is_over or job.opening) and self._cell.has_new_recorder(job.processes):
+        is_asked = job and (job.is_over or job.opening or job.sequence.phase is Phase.EVALUATION)
+        if job and is_asked and self._cell.has_new_recorder(job.processes):
             self._recorder.give_up('the recorder was restarted, the last answers may not be in the log')
             job = self._job
         if job is None or job.is_waiting or job.sequence.is_held:
@@ -249,15 +259,16 @@ class Sequencer(ManagedNode):
 
     def _check_nodes(self, job: Job, now: float) -> None:
         """Hold a run while a node that it needs is disconnected; continue when that one is back."""
-        sequence, cell = job.sequence, self._cell
-        trouble, problems = cell.trouble(job.processes, job.ignored), cell.problems(job.processes)
-        if sequence.phase is Phase.EVALUATION:
+        sequence, cell, is_measured = job.sequence, self._cell, job.sequence.phase is Phase.EVALUATION
+        needed = {name: process for name, process in job.processes.items() if name != names.CMM or not is_measured}
+        trouble, problems = cell.trouble(needed, job.ignored), cell.problems(needed)
+        if is_measured:
             nodes = names.EVALUATOR, names.RECORDER
             problems = problems or cell.problems(nodes) or '; '.join(cell.conflicts(names.EVALUATOR))
         if problems and not trouble.nodes:
             self._do(job, sequence.fail(problems))
-        elif str(trouble) and not sequence.is_held:
-            self._do(job, sequence.hold(str(trouble), now, trouble.nodes == [names.CMM], bool(trouble.nodes)))
+        elif (trouble.nodes or (str(trouble) and not is_measured)) and not sequence.is_held:
+            self._do(job, sequence.hold(str(trouble), now, bool(trouble.nodes)))
         if trouble.gone or trouble.conflict or not (sequence.is_held and self.has_single_publishers):
             return
         if not (trouble.restarted or trouble.has_ignored):
@@ -270,60 +281,45 @@ class Sequencer(ManagedNode):
                 self._do(job, sequence.resume_asking(now, restarted=True))
 
     def _reopen(self, job: Job) -> None:
-        """Continue in a new log with what the disconnected recorder had written to the disk."""
-        job.opening, job.recording = True, False
+        """Continue in a new log; the recorder writes into it what the disconnected one had on the disk, and the rest as
+        it is in the run."""
+        job.opening, job.recording, job.resumes = True, False, Path(job.log).name
 
-        def on_failed(words: str) -> None:
+        def on_opened(response: StartRecording.Response) -> None:
+            if response.success or job.is_over:
+                self._on_opened(response)
+                return
             job.opening = False
-            if job.is_over:
-                self._close(job)
-            elif self._cell.has_lost_recorder(job.processes):  # again
-                job.recording = True
-                self._do(job, job.sequence.hold('the recorder is disconnected', self.seconds()))
+            if not self._recorder.has_answered:  # it has ended again: the next one is another process
+                job.recording, job.processes[names.RECORDER] = True, ''
             else:
-                self._do(job, job.sequence.fail(words))
+                self._do(job, job.sequence.fail(f'no log: {response.message}'))
 
-        def on_recalled(recalled: Recall.Response) -> None:
-            if job.is_over or not recalled.success:
-                on_failed(f'the recorder was restarted: {recalled.message}')
-                return
-            job.resumes = recalled.log
-            self._publish_event(job.request, CalibrationEvent.ACCEPTED, f'continues {recalled.log}', job)
-            self._recorder.start(job.run_id, job.resumes, self._recorder_timeout, partial(on_opened, recalled))
-
-        def on_opened(recalled: Recall.Response, response: StartRecording.Response) -> None:
-            if not (response.success or job.is_over):
-                on_failed(f'no log: {response.message}')
-                return
-            if not job.is_over:
-                job.continue_from(recalled)
-            self._on_opened(response)
-
-        self._recorder.recall(job.run_id, on_recalled)
+        self._publish_event(job.request, CalibrationEvent.ACCEPTED, f'continues {job.resumes}', job)
+        self._recorder.start(job.run_id, job.run_id, self._recorder_timeout, on_opened)
 
     def _do(self, job: Job, commands: Sequence[Command]) -> None:
         for command in commands:
             match command:
                 case Ask(target):
-                    self._targets.publish(conversions.target_message(target, self._stamp(job)))
-                case Locate(frame):
+                    self._targets.publish(conversions.target_message(target))
+                case Locate(frame, stamp_ns):
                     # In a run that is resumed: when its alignment found the frame, should the old log lack that.
-                    stamp = conversions.time_message(job.located_ns) if job.located_ns else self._stamp(job)
-                    self._frames.publish(conversions.frame_message(frame, MACHINE_FRAME, TABLE_FRAME, stamp))
+                    stamp = conversions.time_message(job.located_ns or stamp_ns)
+                    found = conversions.frame_message(frame, MACHINE_FRAME, TABLE_FRAME, stamp)
+                    job.frames += found.transforms
+                    self._frames.publish(found)
                 case Remark(text):
                     self.get_logger().warning(f'run {job.run_id}: {text}')
                     job.remarks.append(text)
                 case PublishState():
                     self._publish_state(job)
-                case Verify():
-                    self._verify(job, command)
+                case PublishRun():
+                    self._publish_run(job)
+                case Verify(results):
+                    self._verify(job, results)
                 case Finish():
                     self._finish(job, command)
-
-    def _stamp(self, job: Job) -> Time:
-        """Return the ROS time, in a run never less than before."""
-        job.stamp_ns = max(job.stamp_ns, self.now().nanoseconds)
-        return conversions.time_message(job.stamp_ns)
 
     def _publish_state(self, job: Job) -> None:
         sequence = job.sequence
@@ -334,31 +330,25 @@ class Sequencer(ManagedNode):
         if job.goal is not None and job.goal.is_active:
             job.goal.publish_feedback(Calibrate.Feedback(state=state))
 
+    def _publish_run(self, job: Job) -> None:
+        self._runs.publish(conversions.run_message(job.sequence.answers, job.frames, self.now().to_msg()))
+
     def _publish_event(self, request: Request, kind: int, text: str, job: Job | None = None) -> None:
         self._events.publish(conversions.event_message(self._header(), request, kind, text, job))
+
+    def _nanoseconds(self) -> int:
+        return self.now().nanoseconds
 
     def _header(self) -> Header:
         return Header(stamp=self.now().to_msg())
 
-    def _verify(self, job: Job, command: Verify) -> None:
-        sequence, timeout, results = job.sequence, self._recorder_timeout, command.results
-        job.verifying = command
-        request = Recorded.Request(run_id=job.run_id, phase=int(command.phase))
-        patience = 0.8 * timeout if results else min(ANSWERS_TIMEOUT, 0.8 * timeout)
-        if results:
-            request.error_motions = conversions.time_message(results.stamp_ns)
-            request.readings_hash = results.readings_hash
-            request.model_hash, request.diagnosis = results.model_hash, results.diagnosed
-
-        def on_recorded(response: Recorded.Response) -> None:
-            if job.sequence is not sequence or job.verifying is not command:
-                return  # the recorder was restarted, or is asked anew
-            if response.success:
-                self._do(job, sequence.verified(recorded_answers(response), response.missing, self.seconds()))
-            else:
-                self._do(job, sequence.not_verified(response.message, self.seconds()))
-
-        self._recorder.recorded(request, command.answers, patience, timeout, on_recorded)
+    def _verify(self, job: Job, results: Results) -> None:
+        request = Recorded.Request(
+            run_id=job.run_id, error_motions=conversions.time_message(results.stamp_ns), diagnosis=results.diagnosed,
+            readings_hash=results.readings_hash, model_hash=results.model_hash)
+        self._recorder.recorded(request, self._recorder_timeout, lambda response: self._do(
+            job, job.sequence.verified(response.missing) if response.success else
+            job.sequence.not_verified(response.message, self.seconds())))
 
     def _finish(self, job: Job, command: Finish) -> None:
         self._publish_event(job.request, END_EVENTS[command.phase], command.text, job)

@@ -2,7 +2,7 @@
 """Who publishes a topic of a run: while there are two, nothing of it is used.
 
 rclpy does not say which publisher a message came from, but a publisher is known before its first message is delivered.
-The publisher of a process that was killed stays on the graph for up to 20 s; heartbeats tell it apart."""
+The publisher of a process that was killed stays on the graph for up to 20 s; statuses tell it apart."""
 
 import time
 from collections.abc import Callable
@@ -88,16 +88,16 @@ class TopicPublishers:
         return self._node.count_publishers(self.topic) if subscription is None else subscription.get_publisher_count()
 
     def _find(self, now: float) -> frozenset[bytes]:
-        """Return the publishers whose process runs: without heartbeat all, with heartbeat as many as are heard.
+        """Return the publishers whose process runs: without a status all, with one as many as are heard.
 
         Those that were found last are taken to run: a new one is never mistaken for one that has ended, nor before its
-        first heartbeat is received."""
+        first status is received."""
         infos: list[Any] = self._node.get_publishers_info_by_topic(self.topic)
         self._names = {bytes(one.endpoint_gid): name_of(one) for one in infos}
         self._first_seen = {gid: self._first_seen.get(gid, now) for gid in self._names}
         beating = {process_of(one.endpoint_gid) for one in self._peer.publishers()}
         found = sorted(self._names, key=lambda gid: self._first_seen[gid])
-        with_heartbeat = [gid for gid in found if process_of(gid) in beating]
-        is_new = any(now - self._first_seen[gid] < HEARTBEAT_LOST for gid in with_heartbeat[-1:])
-        ended = with_heartbeat[:max(len(with_heartbeat) - max(self._peers, is_new), 0)]
+        with_status = [gid for gid in found if process_of(gid) in beating]
+        is_new = any(now - self._first_seen[gid] < HEARTBEAT_LOST for gid in with_status[-1:])
+        ended = with_status[:max(len(with_status) - max(self._peers, is_new), 0)]
         return frozenset(self._names) - frozenset(ended)

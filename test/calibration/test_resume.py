@@ -15,7 +15,7 @@ from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.goal import earlier_answers, refuse_other_plan
 from rosette_ros.calibration.settings import LIMITS as LIMIT_SETTINGS
 from rosette_ros.calibration.settings import PLANNED, format_settings, parse_settings
-from rosette_ros.calibration.state_machine import PAUSE, VERIFY_ROUNDS, Ask, Finish, Locate, Remark, Sequence, Verify
+from rosette_ros.calibration.state_machine import PAUSE, Ask, Finish, Locate, Remark, Sequence
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.messages import Phase
@@ -116,128 +116,29 @@ def test_who_does_not_come_back_ends_the_run():
                          'run when it is connected')
 
 
-def measured(sequence, commands, lost=lambda verification: (), now=0.0):
-    """Answer every target; return the (seq, attempt) that were asked and how often the log was verified.
-
-    lost: returns the stamps of the answers that the log lacks at a verification, by its number."""
-    asked, verifications = [], 0
-    while True:
-        if any(isinstance(command, Verify) for command in commands):
-            verifications += 1
-            there = {(seq, stamp) for seq, stamp in sequence.answers.good_stamps() if stamp not in lost(verifications)}
-            commands = sequence.verified(there, (), now)
-        elif ask := last_ask(commands):
-            asked.append((ask.seq, ask.attempt))
-            commands = sequence.answer(answer_to(ask, stamp_ns=1000 * (ask.attempt - 1) + ask.seq), now)
-        else:
-            return asked, verifications
-
-
-def fresh():
-    """Return a Sequence whose log is verified."""
-    return Sequence(RUN_ID, PLAN, LIMITS, verifies=True)
-
-
-def once_each():
-    """Return what is asked in a run in which nothing is lost."""
-    return [(seq, 1) for seq in range(1, PLAN.total + 1)]
-
-
-def test_what_is_not_in_the_log_is_asked_again():
-    """The end of a run is verified: three answers never arrived at the recorder, one of the alignment."""
-    sequence = fresh()
-    asked, _ = measured(sequence, sequence.begin(0.0), lambda verification: (4, 12, 17) if verification == 2 else ())
-    assert asked == [*once_each(), (4, 2), (12, 2), (17, 2)]
-    assert sequence.phase is Phase.EVALUATION
-    assert sequence.done == PLAN.total
-
-
-def test_a_recorder_that_hears_the_cmm_late_loses_one_answer():
-    """The first answer is verified before the second target is asked, and so on until the log holds all."""
-    sequence = fresh()
-    asked, verifications = measured(sequence, sequence.begin(0.0), lambda verification: (1,) * (verification == 1))
-    assert asked == [*once_each(), (1, 2)]
-    assert verifications == 3, 'after the answers 1 and 2, and at the end'
-    assert sequence.phase is Phase.EVALUATION
-
-
-def dead_cmm():
-    """Return (sequence, present target): a CMM has ended whose second answer of two never arrived at the recorder."""
-    sequence = fresh()
+def test_all_that_was_received_is_kept_as_the_log_has_it():
+    """Late, repeated, unusable: evaluator and recorder then find the same readings as any reader of the log."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS)
     ask = last_ask(sequence.begin(0.0))
-    assert sequence.answer(answer_to(ask, stamp_ns=1), 0.0) == (Verify(frozenset({(1, 1)})),)
-    ask = last_ask(sequence.verified({(1, 1)}, (), 0.0))
-    ask = last_ask(sequence.answer(answer_to(ask, stamp_ns=2), 0.0))
-    assert sequence.hold('the CMM is disconnected', 1.0, verify=True)[-1] == Verify(frozenset({(1, 1), (2, 2)}))
-    return sequence, ask
-
-
-def test_an_answer_that_a_dead_cmm_did_not_bring_to_the_log_does_not_count():
-    """Nobody sends it again: the run ends with what the log holds, but not before that is known."""
-    sequence, _ = dead_cmm()
-    end = 1.0 + LIMITS.return_timeout
-    assert sequence.tick(end) == ()
-    assert sequence.verified({(1, 1)}, (), end)[0] == Remark(
-        '1 reading is not in the log, target and answer; asking again')
+    away = moved(answer_to(ask, stamp_ns=1), 1.0, 1.0, 1.0)
+    again = last_ask(sequence.answer(away, 1.0))
+    for stamp_ns in 2, 3:
+        sequence.answer(answer_to(again, stamp_ns=stamp_ns), 1.0)
+    assert [answer.stamp_ns for answer in sequence.answers.answers] == [1, 2, 3]
+    assert [target.attempt for target in sequence.answers.targets] == [1, 2, 1]
     assert sequence.done == 1
-    assert sequence.tick(end)[-1].text.startswith('the CMM is disconnected and did not come back within 60 s; resume')
 
 
-@pytest.mark.parametrize('in_time', [True, False])
-def test_the_next_cmm_measures_what_the_dead_one_did_not_bring_to_the_log(in_time):
-    """Once, after the last target, whether the recorder has said so while the CMM was away or at the end."""
-    sequence, _ = dead_cmm()
-    if in_time:
-        sequence.verified({(1, 1)}, (), 1.0)
-    commands = sequence.resume_asking(2.0, restarted=True)
-    if not in_time:
-        assert sequence.verified({(1, 1)}, (), 2.0) == ()
-    asked, _ = measured(sequence, commands, lambda verification: (2,), 2.0)
-    assert asked == [(seq, 1 + (seq == 3)) for seq in range(3, PLAN.total + 1)] + [(2, 2)]
-    assert sequence.phase is Phase.EVALUATION
-    assert sequence.done == PLAN.total
-
-
-def test_a_recorder_that_cannot_say_what_it_has_does_not_hold_up_the_end():
-    """The recorder is silent, too: the run ends as it would without a look into the log."""
-    sequence, _ = dead_cmm()
-    assert sequence.not_verified('it is silent', 5.0) == ()
-    assert sequence.done == 2
-    assert sequence.tick(1.0 + LIMITS.return_timeout)[-1].phase is Phase.FAILED
-
-
-def test_an_answer_during_the_look_into_the_log_counts():
-    """A CMM that only hung has answered meanwhile: what the recorder said before tells nothing about that answer."""
-    sequence, ask = dead_cmm()
-    sequence.answer(answer_to(ask, stamp_ns=3), 1.1)
-    assert sequence.verified({(1, 1), (2, 2)}, (), 1.2) == ()
-    assert sequence.done == 3
-
-
-def test_a_recorder_that_never_gets_answers_ends_the_run():
-    """At the third ball, not after all of them."""
-    sequence = fresh()
-    asked, verifications = measured(sequence, sequence.begin(0.0), lambda verification: range(10_000))
-    assert asked == once_each()[:VERIFY_ROUNDS]
-    assert verifications == VERIFY_ROUNDS
-    assert sequence.phase is Phase.FAILED
-    assert 'the recorder does not receive all messages' in sequence.text
-
-
-def test_one_answer_that_never_arrives_ends_the_run():
-    """Asking for it again and again would not help."""
-    sequence = fresh()
-    asked, _ = measured(sequence, sequence.begin(0.0), lambda verification: (5, 1005, 2005))
-    assert asked == [*once_each(), (5, 2), (5, 3)]
-    assert sequence.phase is Phase.FAILED
-    assert '1 reading is not in the log, target and answer, after asking again 2 times' in sequence.text
-
-
-def test_a_whole_log_needs_two_looks():
-    """At the first answer and at the end; nothing is asked again."""
-    sequence = fresh()
-    assert measured(sequence, sequence.begin(0.0)) == (once_each(), 2)
-    assert sequence.phase is Phase.EVALUATION
+def test_no_target_is_asked_before_the_answer_that_was_taken():
+    """By its stamp, where the clock of the CMM is ahead or was set back; an answer that is not taken does not count."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS)
+    sequence.clock = iter((5, 6, 3, 90)).__next__
+    ask = last_ask(sequence.begin(0.0))
+    again = last_ask(sequence.answer(moved(answer_to(ask, stamp_ns=99), 1.0, 1.0, 1.0), 1.0))
+    following = last_ask(sequence.answer(answer_to(again, stamp_ns=20), 1.0))
+    last = last_ask(sequence.answer(answer_to(following, stamp_ns=30), 1.0))
+    assert [one.stamp_ns for one in (ask, again, following, last)] == [5, 6, 20, 90]
+    assert last_ask(Sequence(RUN_ID, PLAN, LIMITS, sequence.answers).begin(0.0)).stamp_ns == 99
 
 
 # What a log tells

@@ -1,49 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
 """The end of a run: success is said of what the log holds."""
 
-import pytest
-from sequences import RESULTS, make_sequence, run_through, verification
+from sequences import LIMITS, make_sequence, results_of, run_through
 
-from rosette_ros.calibration.state_machine import Finish, PublishState
+from rosette_ros.calibration.state_machine import Finish, PublishRun, PublishState, Verify
 from rosette_ros.io.messages import Phase
 
 
 def logged(missing=()):
-    """Return (sequence, commands) of a run whose log holds all answers, after its results were published."""
+    """Return (sequence, commands) of a run that has a log, after its results were published."""
     sequence = make_sequence()
     sequence.verifies = True
-    commands = run_through(sequence)
-    assert commands[-1] == verification(sequence)
-    assert sequence.verified(set(sequence.answers.good_stamps()), (), 0.0) == (PublishState(),)
+    assert run_through(sequence)[-2:] == [PublishRun(), PublishState()]
+    results = results_of(sequence)
+    assert sequence.evaluated(results) == (Verify(results),)
+    assert sequence.evaluated(results) == ()
     assert sequence.phase is Phase.EVALUATION
-    assert sequence.evaluated(RESULTS, 0.0) == (verification(sequence, RESULTS),)
-    assert sequence.phase is Phase.EVALUATION
-    return sequence, sequence.verified(set(), missing, 0.0)
+    return sequence, sequence.verified(missing)
 
 
-def test_success_is_said_when_the_log_holds_results_and_last_state():
-    """First the results, then the state DONE; only then the calibration has ended."""
+def test_success_is_said_when_the_log_holds_results_and_readings():
+    """Only then the calibration has ended."""
     sequence, commands = logged()
-    assert commands == (PublishState(), verification(sequence, RESULTS, Phase.DONE))
-    assert sequence.phase is Phase.DONE
-    assert sequence.verified(set(), (), 0.0) == (Finish(Phase.DONE, 'error motions are published'),)
+    assert commands == (PublishState(), Finish(Phase.DONE, 'error motions are published'))
+    assert sequence.verified(('the model',)) == ()
 
 
 def test_a_log_without_its_results_is_no_success():
     """It says what is missing; nothing is asked again."""
-    sequence, commands = logged(('error motions', 'a diagnosis'))
-    assert commands[-1].phase is Phase.FAILED
-    assert 'the log lacks error motions, a diagnosis; all ball centres are in it' in commands[-1].text
-    assert sequence.verified(set(), (), 0.0) == ()
+    sequence, commands = logged(('the error motions', 'the readings'))
+    assert commands[-1] == Finish(Phase.FAILED, 'the log lacks the error motions, the readings; evaluate it offline, '
+                                  'or resume the run')
+    assert sequence.verified(()) == ()
 
 
-@pytest.mark.parametrize('at_once', [True, False])
-def test_a_log_without_its_last_state_is_no_success(at_once):
-    """Whether the recorder reports that it is missing, or does not answer."""
-    sequence, _ = logged()
-    step = sequence.verified(set(), ('state done',), 0.0) if at_once else sequence.not_verified('it is silent', 0.0)
-    assert step[-1].phase is Phase.FAILED
-    assert step[-1].text.startswith('the log lacks state done' if at_once else 'the log cannot be verified: it is')
+def test_a_recorder_that_is_restarted_in_the_evaluation_is_waited_for():
+    """Then the run is published and evaluated again; a recorder that does not say what it has ends it in words."""
+    sequence = make_sequence()
+    sequence.verifies = True
+    run_through(sequence)
+    for _ in range(LIMITS.attempts):
+        sequence.evaluated(results_of(sequence))
+        assert sequence.not_verified('it was restarted', 1.0)[1:] == (PublishState(),)
+        assert sequence.evaluated(results_of(sequence)) == sequence.verified(()) == ()
+        assert sequence.resume_asking(2.0, restarted=True)[1:] == (PublishRun(), PublishState())
+    sequence.evaluated(results_of(sequence))
+    end = Finish(Phase.FAILED, 'the log cannot be verified: it was restarted')
+    assert sequence.not_verified('it was restarted', 3.0)[-1] == end
 
 
 def test_a_cancelled_run_is_not_verified_any_more():
@@ -51,4 +54,4 @@ def test_a_cancelled_run_is_not_verified_any_more():
     sequence = make_sequence()
     sequence.begin(0.0)
     sequence.cancel()
-    assert sequence.verified(set(), ('error motions',), 0.0) == ()
+    assert sequence.verified(('the error motions',)) == ()

@@ -8,7 +8,7 @@ import hypothesis
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from sequences import LIMITS, RESULTS, TRUE, answer_to, last_ask, make_sequence, moved, nominal, run_through
+from sequences import LIMITS, TRUE, answer_to, last_ask, make_sequence, moved, nominal, results_of, run_through
 
 from rosette_ros.calibration.goal import Job, Request
 from rosette_ros.calibration.state_machine import PACE_FROM, Ask, Finish, Locate, PublishState, Remark, complaint
@@ -56,9 +56,9 @@ def test_phase_changes_are_published():
     sequence = make_sequence()
     commands = run_through(sequence)
     assert sum(isinstance(c, PublishState) for c in commands) == 5
-    end = sequence.evaluated(RESULTS, 1.0)
+    end = sequence.evaluated(results_of(sequence))
     assert end == (PublishState(), Finish(Phase.DONE, 'error motions are published'))
-    assert sequence.evaluated(RESULTS, 1.0) == ()
+    assert sequence.evaluated(results_of(sequence)) == ()
 
 
 def test_late_answer_is_asked_again_and_then_given_up():
@@ -284,7 +284,7 @@ def test_a_ball_that_cannot_be_measured_is_left_out_and_told():
         following = last_ask(sequence.answer(answer_to(following), 0.0))
     assert sequence.phase is Phase.EVALUATION
     assert sequence.done == sequence.plan.total - 1
-    end = sequence.evaluated(RESULTS, 0.0)[-1]
+    end = sequence.evaluated(results_of(sequence))[-1]
     assert end.phase is Phase.DONE
     assert end.text == 'error motions are published; 1 left out: table position 1 ball 1'
 

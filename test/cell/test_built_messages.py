@@ -5,8 +5,7 @@ import shutil
 
 import pytest
 
-from rosette_ros.cell.built_messages import DEFINITIONS, check_messages
-from rosette_ros.cell.supervisor import Cell
+from rosette_ros.cell.supervisor import DEFINITIONS, Cell, check_messages
 from rosette_ros.core.errors import CellError
 
 

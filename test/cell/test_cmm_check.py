@@ -162,7 +162,7 @@ def test_a_sound_cmm_passes_every_check(check):
     assert texts['answers'] == '12 of 12 as asked: ball, position, angle, place, units'
     assert texts['one CMM'] == 'ball_centre is published by 1, probe_target subscribed to by 1'
     assert set(texts) >= {'types', 'frame', 'stamps', 'travel', 'approach', 'places', 'resolution', 'clock',
-                          'temperature', 'form error', 'heartbeat', 'quality of service', 'one answer'}
+                          'temperature', 'form error', 'status', 'quality of service', 'one answer'}
     assert 0.5e-7 < report.repeatability < 2e-7
     assert report.run_seconds == pytest.approx(report.seconds_per_ball * (10 + 2 * BALLS + BALLS**2 + 1))
 
@@ -273,7 +273,7 @@ def test_the_verb_prints_ticks_and_json(cmm, module_domain_id, capsys):
     verb = ['check-cmm', '--balls', str(BALLS), '--domain', str(module_domain_id)]
     assert main(verb) == 0
     out = capsys.readouterr().out
-    assert '✓  travel' in out and '–  heartbeat' in out and 'a calibration about' in out
+    assert '✓  travel' in out and '–  status' in out and 'a calibration about' in out
     assert (f'{BALLS} balls, R = 182.5 mm, centre of the plate at 350 260 −300 mm; what was not given is by default.'
             in ' '.join(out.split()))
     cmm.wrong = changed(approach=lambda *_: 0)

@@ -18,7 +18,6 @@ from rosette_ros.cell.supervisor import LOCAL, MODULES, PROFILES, RANGE, TRANSPO
 from rosette_ros.core.errors import CellError
 from rosette_ros.nodes.environment import check_domain
 from rosette_ros.nodes.recorder import LAST_MESSAGES
-from rosette_ros.nodes.sequencer import ANSWERS_TIMEOUT
 
 PROFILE = Path(supervisor.__file__).with_name('fastdds.xml')
 
@@ -56,7 +55,7 @@ def test_what_is_lost_is_repeated_before_it_is_missed():
     found = ElementTree.parse(PROFILE).getroot().find('.//f:data_writer/f:times/f:heartbeatPeriod', space)
     here = int(found.find('f:sec', space).text) + 1e-9 * int(found.find('f:nanosec', space).text)
     for period in (here, 3.0):  # and by default
-        assert 4 / 3 * period <= min(LAST_MESSAGES, ANSWERS_TIMEOUT)
+        assert 4 / 3 * period <= LAST_MESSAGES
 
 
 def test_the_nodes_of_a_cell_listen_on_loopback_alone(cell_of, domain_id, monkeypatch):

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes whose processes live and publish no heartbeat: found, ended, restarted; a run goes on."""
+"""Nodes whose processes live and publish no status: found, ended, restarted; a run goes on."""
 
 import signal
 from types import SimpleNamespace
 
 import pytest
 
-from rosette_ros.cell.client import CellClient
-from rosette_ros.cell.hang_detection import HangDetector
+from rosette_ros.cell.client import CellClient, HangDetector
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names, qos
@@ -25,9 +24,9 @@ LONG, SHORT = qos.HEARTBEAT_HANGS + 0.1, qos.HEARTBEAT_LOST - 0.1
     (('recorder 71 ab', SHORT), ('', LONG), []),
 ])
 def test_a_node_hangs_that_was_heard_and_is_not_while_others_are(monkeypatch, recorder, cmm, hanging):
-    """Only the process that was started here, and only while heartbeats of others are received."""
+    """Only the process that was started here, and only while statuses of others are received."""
     now = 1000.0
-    monkeypatch.setattr('rosette_ros.cell.hang_detection.time', SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr('rosette_ros.cell.client.time', SimpleNamespace(monotonic=lambda: now))
     detector = HangDetector.__new__(HangDetector)
     detector._processes = {name: SimpleNamespace(popen=SimpleNamespace(pid=pid))
                            for name, pid in (('recorder', 71), ('cmm', 72))}
@@ -58,7 +57,7 @@ def test_a_run_goes_on_when_its_recorder_and_evaluator_hang(cell_of, domain_id, 
         outcome = client.calibrate(on_progress=look, options='limits.answer_timeout_s: 5.0',
                                    check=lambda: words.update(cell.restart_failed(detector.hanging())))
         assert outcome.success, outcome.message
-        assert words == {name: f'node {name} was running (process {popen.pid}) but published no heartbeat for 20 s and '
+        assert words == {name: f'node {name} was running (process {popen.pid}) but published no status for 20 s and '
                          'was ended by SIGKILL' for name, popen in stopped.items()}
         assert outcome.log.name.endswith('_part2')
         assert read_log(outcome.log).to_run().size == N * N

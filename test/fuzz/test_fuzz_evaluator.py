@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every field of every message and request that the evaluator takes."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up import TRICKS, bounded, dumped, mutated, trees, tried
@@ -12,14 +11,17 @@ from made_up_log import BALLS, RUN_ID
 from made_up_messages import TEXTS, messages
 from mute import FIELDS, RUN_IDS, SAID, Mute, check_words, defaults, heard
 from rclpy.serialization import serialize_message
-from rosette_msgs.msg import Diagnosis, ErrorMotions, RunState
-from rosette_msgs.srv import AddEffect, Diagnose, Recall, RemoveEffect
+from rosette_msgs.msg import Diagnosis, ErrorMotions, Run, RunState
+from rosette_msgs.srv import AddEffect, Diagnose, RemoveEffect
 
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import plan
-from rosette_ros.nodes.evaluation import ModelInUse, RunCollection
+from rosette_ros.io.messages import answer_of, target_of
+from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.nodes import conversions
+from rosette_ros.nodes.evaluation import ModelInUse
 from rosette_ros.nodes.evaluator import WANTED as EVALUATOR_WANTED
 from rosette_ros.nodes.evaluator import Evaluator, _Results
 from rosette_ros.simulation import Machine, MachineConfig
@@ -38,13 +40,11 @@ class MuteEvaluator(Mute, Evaluator):
             self,
             parameters=defaults(EVALUATOR_WANTED, diagnose_after_run=False),
             _in_use=ModelInUse(Model().with_effect('frame_drift') if measured else Model()),
-            _runs=RunCollection(),
+            _answers=None,
+            _due=('', 0),
             _level=0,
             _last='',
-            _reported=set(),
-            _recalled={},
             _results=_Results('', 0.0, ()),
-            _recorder=SimpleNamespace(is_there=False, tick=lambda now: None),
             _model_out=self,
             _motions_out=self,
         )
@@ -62,24 +62,32 @@ class MuteEvaluator(Mute, Evaluator):
         return Diagnosis()
 
 
+def run_of(said):
+    """Return the Run message of a sequencer that has said and received this."""
+    answers, frames = RunAnswers(RUN_ID), []
+    for topic, message in said:
+        if topic == 'probe_target':
+            answers.add_target(target_of(message))
+        elif topic == 'ball_centre':
+            answers.add_answer(answer_of(message))
+        else:
+            frames += message.transforms
+    return conversions.run_message(answers, frames, Time())
+
+
+SENT = st.one_of(heard('probe_target', 'ball_centre', 'tf_static').map(run_of), messages(Run, **FIELDS))
+
+
 @tried(0.08)
-@given(heard('probe_target', 'ball_centre', 'run_state', 'tf_static'), messages(Recall.Response, **FIELDS))
-def test_what_the_evaluator_hears(said, recalled):
-    """Targets, answers, frames, states, and what is recalled of a run."""
+@given(SENT, heard('run_state'))
+def test_what_the_evaluator_hears(run, states):
+    """A run, and states of it."""
     node = MuteEvaluator()
-    handlers = {
-        'probe_target': node._on_target,
-        'ball_centre': node._on_answer,
-        'run_state': node._on_state,
-        'tf_static': node._on_frames,
-    }
     with bounded():
-        for topic, message in said:
-            handlers[topic](message)
-        node._on_recalled(recalled)
-        node.wake()
+        for _, state in states:
+            node._on_state(state)
+            node._on_run(run)
         node.clock += 100
-        node.wake()
         node.health()
     check_words([*node.words, node._last])
     for message in node.motions:
@@ -89,13 +97,8 @@ def test_what_the_evaluator_hears(said, recalled):
 def test_the_evaluator_evaluates_what_is_sound():
     """Else nothing that is accepted would ever be met."""
     node = MuteEvaluator()
-    for topic, message, _ in SAID:
-        if topic == 'probe_target':
-            node._on_target(message)
-        elif topic == 'ball_centre':
-            node._on_answer(message)
-        elif topic == 'tf_static':
-            node._on_frames(message)
+    node._on_run(run_of((topic, message) for topic, message, _ in SAID
+                        if topic in ('probe_target', 'ball_centre', 'tf_static')))
     node._on_state(RunState(run_id=RUN_ID, phase=RunState.PHASE_EVALUATION, done=18))
     assert [(one.balls, one.completeness) for one in node.motions] == [(BALLS, 1.0)]
 

@@ -30,8 +30,8 @@ from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import Answer, Phase, Target
 from rosette_ros.io.model_file import parse_entry
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
+from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.io.safe_yaml import parse_yaml
-from rosette_ros.nodes.evaluation import RunCollection
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 
 pytestmark = pytest.mark.long
@@ -350,18 +350,17 @@ def test_answers_to_the_sequencer(answers):
 )
 def test_answers_to_the_evaluator(rows):
     """Whatever is on the graph: a run is made of what counts, or refused in words."""
-    runs = RunCollection()
+    run = RunAnswers('run')
     scheme = plan(3, 'row')
     for seq, (i, j) in enumerate(zip(scheme.table_position, scheme.ball, strict=True), 1):
         where = (0, 0.0, 0, (0.0, 0.0, 0.0), 'table')
-        runs.add_target(Target('run', seq, 1, 1, 3, 3, 0.1, int(i), int(j), *where, 1), 0.0)
+        run.add_target(Target('run', seq, 1, 1, 3, 3, 0.1, int(i), int(j), *where, 1))
     for seq, i, j, angle, centre, status in rows:
         answer = Answer('run', seq, i, j, 0, status, '', angle, 0.0, 0, centre, 0.0, 20.0, 'table', 5)
-        runs.add_answer(answer, 0.0)
-    runs.expect('run', 9, 0.0)
+        run.add_answer(answer)
     try:
         with bounded():
-            run = runs.to_run('run')
+            run = run.to_run('run')
     except RosetteError as error:
         assert 'run' in str(error)
         return

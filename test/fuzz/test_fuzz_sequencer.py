@@ -75,6 +75,7 @@ class MuteSequencer(Mute, Sequencer):
             _taken=set(),
             _frames=self,
             _states=self,
+            _runs=self,
             _events=self,
             _published=0.0,
             _recorder=SimpleNamespace(is_there=False),
@@ -132,7 +133,7 @@ def test_what_the_sequencer_hears(steps, motions):
     job = node._job
     with bounded():
         for step in steps:
-            answer, done, stamp = right_answer(node), job.sequence.done, job.stamp_ns
+            answer, done, stamp = right_answer(node), job.sequence.done, job.sequence._latest
             if isinstance(step, BallCentre):
                 answer = step
             elif step is not None:
@@ -143,7 +144,7 @@ def test_what_the_sequencer_hears(steps, motions):
                 assert (answer.run_id, answer.status) == (RUN_ID, BallCentre.STATUS_OK)
                 assert np.isfinite([answer.centre.x, answer.centre.y, answer.centre.z, answer.table_angle]).all()
             else:
-                assert job.stamp_ns <= max(stamp, Time(seconds=100).nanoseconds)
+                assert job.sequence._latest <= max(stamp, Time(seconds=100).nanoseconds)
         node._on_error_motions(motions)
         if node._job is not None:
             node.health()
@@ -286,7 +287,6 @@ def recalls(draw):
                 draw(changed(kept[min(at, len(kept) - 1)] if kept else source, **fields))
             ]
         setattr(made, name, kept)
-    made.error_motions = draw(st.lists(messages(ErrorMotions), max_size=1))
     return made
 
 
@@ -301,18 +301,17 @@ def test_what_is_recalled_of_a_run(recalled, options):
     check_words([*node.words, '' if accepted else words])
     if not accepted:
         return
-    job, sequence = node._next_job, node._next_job.sequence
+    sequence = node._next_job.sequence
     assert recalled.success
     if sequence.plan.total > 2000:
         return
     node = MuteSequencer(sequence)
-    node._job.stamp_ns = job.stamp_ns
     with bounded():
         for _ in range(3):
             if node._job is not None and sequence.phase is not Phase.EVALUATION:
                 node._on_ball_centre(right_answer(node))
     check_words([*node.words, sequence.text])
-    for target, answer in sequence.earlier.counting():
+    for target, answer in sequence.answers.counting():
         assert 1 <= target.seq <= sequence.plan.total
         assert np.isfinite(answer.centre).all()
 
@@ -320,4 +319,4 @@ def test_what_is_recalled_of_a_run(recalled, options):
 def test_a_sound_recall_is_gone_on_with():
     """Else nothing that is accepted would ever be met."""
     job = make_job(Request('calibrate'), VALUES, (), RECALLED)
-    assert job.sequence.earlier.answered == PLAN.total
+    assert job.sequence.answers.answered == PLAN.total

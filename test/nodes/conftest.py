@@ -11,13 +11,14 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosette_msgs.msg import Heartbeat
+from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.nodes import names
 from rosette_ros.nodes.interfaces import interface_class, introspected_client
+from rosette_ros.nodes.liveliness import NodeMonitors
+from rosette_ros.nodes.recorder import Recorder
 
 
 @pytest.fixture
@@ -81,15 +82,12 @@ class Peer:
         """Start listening; returns once the nodes that publish send it here, too."""
         self._thread.start()
         self._wait(lambda: all(one.get_publisher_count() for one in self._subscriptions), 'publishers of all topics')
-        # DDS announces subscriptions in their order: a node whose heartbeat comes here knows of all the others.
+        # DDS announces subscriptions in their order: a node whose status comes here knows of all the others.
         found = {info.node_name for one in self._subscriptions
                  for info in self.node.get_publishers_info_by_topic(one.topic_name)} & set(names.NODES)
-        beating = set()
-        for name in found:
-            self.node.create_subscription(
-                Heartbeat, f'{name}/{names.ALIVE}', lambda beat: beating.add(beat.node),
-                QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-        self._wait(lambda: found <= beating, f'heartbeats of {", ".join(found)}')
+        every = NodeMonitors(self.node)
+        monitors = [every.of(name) for name in found]
+        self._wait(lambda: all(monitor.process for monitor in monitors), f'statuses of {", ".join(found)}')
         return self
 
     @staticmethod
@@ -111,6 +109,17 @@ class Peer:
     def _spin(self):
         while not self._over.is_set():
             self._executor.spin_once(timeout_sec=0.05)
+
+
+@pytest.fixture
+def recorder(ros, tmp_path):
+    """Yield a Recorder whose messages come from the test alone."""
+    with ros('-r', '__ns:=/rosette', '-p', f'log_dir:={tmp_path}'):
+        node = Recorder()
+        yield node
+        if node._session.is_open:
+            node._close()
+        node.destroy_node()
 
 
 @pytest.fixture

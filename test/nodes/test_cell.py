@@ -13,8 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
-from rosette_msgs.msg import BallCentre, ErrorMotions, ProbeTarget, RunState
-from tf2_msgs.msg import TFMessage
+from rosette_msgs.msg import ErrorMotions, Run, RunState
 
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import CellClient
@@ -264,8 +263,7 @@ def test_replay_onto_a_fresh_evaluator_gives_the_same_numbers(calibrated, cell_o
                                                               wait_until):
     """An evaluator that knows nothing hears the log, topic after topic, and publishes the same."""
     log = calibrated[0].log
-    topics = {'/rosette/run_state': RunState, '/rosette/ball_centre': BallCentre,
-              '/tf_static': TFMessage, '/rosette/probe_target': ProbeTarget}
+    topics = {'/rosette/run': Run, '/rosette/run_state': RunState}
     latched = QoSProfile(depth=5000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publishers = {topic: peer.node.create_publisher(kind, topic, latched)
                   for topic, kind in topics.items()}

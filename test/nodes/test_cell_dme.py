@@ -241,7 +241,7 @@ def test_a_collision_stops_the_run_until_a_person_has_looked(cell, client, serve
     stopped = served.when('2504')
     heard = {}
     health = client._node.create_subscription(DiagnosticArray, names.DIAGNOSTICS, lambda array: heard.update(
-        (one.message, one.level) for one in array.status), qos.HEALTH)
+        (one.message, one.level) for one in array.status), qos.STATUSES)
     assert client._spin_until(lambda: any('error 2504' in words and level == ERROR for words, level in heard.items()),
                               60.0), heard
     client._node.destroy_subscription(health)

@@ -297,8 +297,7 @@ def test_a_run_whose_log_lacks_a_result_is_no_success(cell_of, domain_id, make_p
     finally:
         peer.stop()
     assert not outcome.success
-    assert outcome.message == ('the log lacks the readings of these error motions, the model; all ball centres are in '
-                               'it: evaluate it offline')
+    assert outcome.message == 'the log lacks the readings, the model; evaluate it offline, or resume the run'
     log = read_log(outcome.log)
     assert log.states[-1].phase == Phase.FAILED
     assert [event.kind for event in log.events] == [1, 2, 7]

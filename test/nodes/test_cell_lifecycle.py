@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heartbeats and lifecycle: who has gone is noticed and told, and calibrations can be held back."""
+"""Statuses and lifecycle: who has gone is noticed and told, and calibrations can be held back."""
 
 import signal
 import time
@@ -185,7 +185,7 @@ def test_a_recorder_that_stands_still_for_a_moment_loses_nothing(cell_of, domain
 
 
 def test_a_recorder_that_stands_still_while_it_closes_the_log_is_waited_for(cell_of, domain_id):
-    """Where disk or processor is busy for longer than a heartbeat may be late, the run ends in success."""
+    """Where disk or processor is busy for longer than a status may be late, the run ends in success."""
     stopped = []
     with cell_of(6) as cell, CellClient(domain_id) as client:
         recorder = cell.processes[names.RECORDER]
@@ -228,7 +228,7 @@ def killed_cmm(cell, client, integrator):
 def test_a_dead_cmm_is_noticed_long_before_its_answer_is_late(cell, client, integrator, wait_until):
     """Killed and not started again: told in the state and in the health at once; the run waits, then ends in words.
 
-    An answer may take 120 s; heartbeats are missed after 1.25 s, which a busy computer exceeds.
+    An answer may take 120 s; statuses are missed after 1.25 s, which a busy computer exceeds.
     """
     outcome, told, words, noticed = killed_cmm(cell, client, integrator)
     assert noticed < 20.0
@@ -241,3 +241,13 @@ def test_a_dead_cmm_is_noticed_long_before_its_answer_is_late(cell, client, inte
     log = read_log(outcome.log)
     assert log.problems == ()
     assert log.runs[outcome.run_id].answered == log.states[-1].done >= 2  # the last one may have died with its sender
+
+
+def test_presence_takes_little_of_a_log(cell_of, domain_id):
+    """At 30 s a ball it was 360 messages a ball, at 0.3 s it was 4."""
+    with cell_of(3, params={'cmm': {'answer_s': 0.3}}) as cell, CellClient(domain_id) as client:
+        outcome = client.calibrate(check=cell.check)
+        assert outcome.success, outcome.message
+    log = read_log(outcome.log)
+    presence = [one for one in iter_log(outcome.log) if one.topic == names.DIAGNOSTICS]
+    assert 4 <= len(presence) < 2 * len(log.answers)

@@ -62,7 +62,7 @@ def process_of(cell, wait_until, *command, **settings):
 def run_with(cmm, cell, domain, wait_until):
     """Run calibrations until one succeeds; return its Outcome.
 
-    A CMM without heartbeat does not know whom it has found: those that have not found it yet miss its first answers.
+    A CMM without a status does not know whom it has found: those that have not found it yet miss its first answers.
     """
     outcomes = []
 

@@ -6,8 +6,9 @@ import re
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rich.console import Console
-from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, Heartbeat, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, ProbeTarget, RunState
 from std_msgs.msg import Header
 
 from rosette_ros.cell.client import CellClient
@@ -55,7 +56,7 @@ def undisturbed(cell, module_domain_id):
 
 @pytest.fixture
 def stranger(cell, module_domain_id, make_peer):
-    """Yield a node of another process' kind: a participant of its own, without heartbeat."""
+    """Yield a node of another process' kind: a participant of its own, without a status."""
     made = make_peer(module_domain_id)
     made.start()
     yield made
@@ -154,7 +155,7 @@ def test_forged_answers_during_a_run_are_not_used(cell, client, stranger, undist
     outcome, told = disturbed_run(
         client, cell, lambda _: forger.answer(), forger.leave, lambda told: is_held(told) and all(
             re.search(f'{TWO}: what they publish is not used', cell.processes[name].text()) for name in cell.processes
-            if name != 'cmm'))
+            if name not in ('cmm', 'evaluator')))
     assert outcome.success, outcome.message
     assert re.search(f'; {TWO} for a while: what they published then is not used$', outcome.message)
     assert any('2 nodes publish /rosette/ball_centre' in text for text in told)
@@ -230,8 +231,8 @@ def test_a_target_of_another_node_is_not_measured(cell, client, stranger, undist
     assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
 
 
-def test_a_cmm_without_heartbeat_follows_one_with_heartbeat(cell_of, domain_id, make_peer, wait_until):
-    """The simulated CMM has gone, another that publishes no heartbeat answers: it is accepted."""
+def test_a_cmm_without_status_follows_one_with_a_status(cell_of, domain_id, make_peer, wait_until):
+    """The simulated CMM has gone, another that publishes no status answers: it is accepted."""
     with cell_of(3, simulated_time=False, sequencer={'repeats': 0}) as cell, CellClient(domain_id) as client:
         cell.processes['cmm'].popen.terminate()
         wait_until(lambda: 'no CMM' in cell.processes['sequencer'].text())
@@ -262,8 +263,9 @@ def test_a_second_cell_does_not_start(cell, module_domain_id, tmp_path):
 def test_a_cell_starts_beside_the_cmm_that_it_is_for(domain_id, make_peer, tmp_path):
     """A node named cmm that runs already is no second cell of one without a simulation."""
     cmm = make_peer(domain_id, name=names.CMM)
-    cmm.node.create_publisher(Heartbeat, f'{names.CMM}/{names.ALIVE}', qos.ALIVE).publish(
-        Heartbeat(node=names.CMM, process='cmm of somebody else', period=0.5))
+    status = DiagnosticStatus(name='rosette/cmm', values=[KeyValue(key='process', value='cmm of somebody else')])
+    publisher = cmm.node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STATUS)
+    cmm.node.create_timer(qos.HEARTBEAT_PERIOD, lambda: publisher.publish(DiagnosticArray(status=[status])))
     cmm.start()
     others = [name for name in MODULES if name != names.CMM]
     refuse_second_cell(Console(), Cell(domain_id, nodes=others, log_dir=tmp_path))

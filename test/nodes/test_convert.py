@@ -16,12 +16,14 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.analysis import analyse
 from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.model import Model as CoreModel
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.bag_metadata import INFINITE, Qos
-from rosette_ros.io.messages import STATUS_OK, answer_of, nanoseconds, table_frame_of, target_of
+from rosette_ros.io.messages import STATUS_OK, Answer, answer_of, nanoseconds, table_frame_of, target_of
+from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -42,6 +44,29 @@ def test_target_message_says_what_the_target_says():
         target = target._replace(run_id='run', attempt=2, session=3, centre=(1.0, 2.0, 3.0), frame_id='machine')
         message = over_the_wire(conversions.target_message(target, STAMP))
         assert target_of(message) == target._replace(stamp_ns=nanoseconds(STAMP))
+
+
+def test_a_run_message_is_the_run():
+    """Every target and answer to the bit, and so the hash of the readings; an answer is as the CMM sent it."""
+    planned, answers = plan_calibration(plan(5, 'random', 3), 0.1825, Frame.identity(), 2), RunAnswers('run')
+    for index in range(planned.total):
+        target = planned.target(index)._replace(run_id='run', session=1 + index // 20, frame_id='machine')
+        answers.add_target(target)
+        answers.add_answer(Answer(
+            'run', target.seq, target.table_position, target.ball, target.cmm_position, int(index == 3), 'ü',
+            0.1 * index, 1e-17, -1, (0.1, index / 3, -0.0), 1e-9, 20.1, 'machine', 5 + index))
+    frame = conversions.frame_message(Frame.identity(), 'machine', 'table', STAMP)
+    found = conversions.answers_of(over_the_wire(conversions.run_message(answers, frame.transforms, STAMP)))
+    assert (found.targets, found.answers) == (answers.targets, answers.answers)
+    assert (found.readings_hash, len(found.frames)) == (answers.readings_hash, 1)
+    for answer in answers.answers:
+        assert answer_of(over_the_wire(conversions.answer_message(answer))) == answer
+    empty = conversions.answers_of(over_the_wire(conversions.run_message(RunAnswers('none'), [], STAMP)))
+    assert (empty.run_id, empty.targets) == ('none', [])
+    broken = conversions.run_message(answers, [], STAMP)
+    broken.answer_seq = broken.answer_seq[1:]
+    with pytest.raises(InvalidData, match='run run: wanted arrays of one length'):
+        conversions.answers_of(broken)
 
 
 @given(st.lists(NUMBERS, min_size=3, max_size=3), NUMBERS, st.integers(0, 2**31 - 1),

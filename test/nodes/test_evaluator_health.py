@@ -2,9 +2,13 @@
 """What the evaluator says in /diagnostics of the runs that it has evaluated."""
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from rosette_msgs.msg import BallCentre, ProbeTarget, RunState
 
 from rosette_ros.core.scheme import plan
+from rosette_ros.io.messages import answer_of, target_of
+from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.nodes import conversions
 from rosette_ros.nodes.base_node import OK, WARN
 from rosette_ros.nodes.evaluator import Evaluator
 from rosette_ros.simulation import Machine, MachineConfig
@@ -35,29 +39,14 @@ def test_a_run_in_doubt_is_a_warning_and_the_next_sound_one_is_none(ros):
     with ros():
         node = Evaluator()
         for run_id, rounded in (('sound', False), ('doubtful', True), ('sound again', False), ('doubtful', True)):
+            answers = RunAnswers(run_id)
             for target, answer in messages(run_id, rounded):
-                node._on_target(target)
-                node._on_answer(answer)
+                answers.add_target(target_of(target))
+                answers.add_answer(answer_of(answer))
+            node._on_run(conversions.run_message(answers, [], Time()))
             node._on_state(RunState(run_id=run_id, phase=RunState.PHASE_EVALUATION, done=N * N))
             level, sentence, _ = node.health()
             assert level == (WARN if rounded else OK)
             assert sentence.startswith(f'run {run_id} is evaluated, 16 ball centres')
             assert ('; readings are rounded to 1 µm' in sentence) == rounded
-        node.destroy_node()
-
-
-def test_a_resumed_run_that_lacks_answers_again_is_told_again(ros, monkeypatch):
-    """Until it failed it is told once; the same run, resumed, is another matter."""
-    with ros('-p', 'patience_s:=10.0'):
-        node, now, told = Evaluator(), [0.0], []
-        monkeypatch.setattr(node, 'seconds', lambda: now[0])
-        monkeypatch.setattr(node, '_report_failure', lambda run_id, lacks: told.append((now[0], run_id)))
-        for start in (0.0, 100.0):
-            now[0] = start
-            node._on_state(RunState(run_id='a', phase=RunState.PHASE_EVALUATION, done=5))
-            for late in (20.0, 30.0):
-                now[0] = start + late
-                node.wake()
-            node._on_state(RunState(run_id='a', phase=RunState.PHASE_FAILED))
-        assert told == [(20.0, 'a'), (120.0, 'a')]
         node.destroy_node()

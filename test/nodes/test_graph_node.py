@@ -9,6 +9,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosette_msgs.msg import BallCentre, RunState
 
 from rosette_ros.nodes import qos
+from rosette_ros.nodes.base_node import CellNode
 from rosette_ros.nodes.graph_node import GraphNode
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -72,3 +73,15 @@ def test_a_subscription_that_receives_nothing_is_told(nodes, wait_until):
     wait_until(mine.unconnected)
     assert mine.unconnected() == {'/cmm/bridge receives nothing that is published on /rosette/run_state: Volatile '
                                   'publisher and transient local subscription'}
+
+
+def test_what_is_due_after_a_time_is_done_once(ros):
+    """An executor that is late calls a timer twice: a CMM answered a target twice."""
+    with ros():
+        node, done = CellNode('late'), []
+        node.after(100.0, lambda: done.append(1))
+        timer = list(node.timers)[-1]
+        for _ in range(2):
+            timer.callback()
+        node.destroy_node()
+    assert done == [1]

@@ -1,40 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heartbeats: what a node publishes about itself, and when a cell is settled."""
+"""The status that a node publishes about itself on /diagnostics, and when a cell is settled."""
 
 import os
 from types import SimpleNamespace
 
 import pytest
 from builtin_interfaces.msg import Time
-from rosette_msgs.msg import Heartbeat
 
 from rosette_ros.nodes import names, qos
-from rosette_ros.nodes.liveliness import BUSY, CellMonitor, HeartbeatPublisher, NodeMonitor
+from rosette_ros.nodes.liveliness import BUSY, CellMonitor, NodeMonitors, StatusPublisher, values_of
 
 
 def publisher_of(sent):
-    """Return a HeartbeatPublisher whose messages go to a list."""
-    return HeartbeatPublisher(SimpleNamespace(
-        get_name=lambda: 'recorder', create_publisher=lambda *_, **__: SimpleNamespace(publish=sent.append),
+    """Return a StatusPublisher whose messages go to a list."""
+    return StatusPublisher(SimpleNamespace(
+        get_name=lambda: 'recorder', get_fully_qualified_name=lambda: '/rosette/recorder',
+        get_namespace=lambda: '/rosette', create_publisher=lambda *_, **__: SimpleNamespace(publish=sent.append),
         now=lambda: SimpleNamespace(to_msg=Time)))
 
 
 @pytest.mark.parametrize(('problem', 'hears'), [
-    ('', ()), ('no room', ()), ('', ('cmm 1a2b', 'a CMM, of its own')), ('two\nlines', ('cmm 1a2b',))])
-def test_a_heartbeat_holds_what_it_was_given(problem, hears):
-    """The problem is one line; every process has a name of its own."""
+    ('', ()), ('no room', ()), ('', ('cmm 1a2b', 'evaluator 1, of its own')), ('two\nlines', ('cmm 1a2b',))])
+def test_a_status_holds_what_it_was_given(problem, hears):
+    """The problem is one line; every process has a name of its own; a monitor reads the same."""
     sent = []
-    heartbeat, other = publisher_of(sent), publisher_of(sent)
-    heartbeat.hears = hears
-    heartbeat.report(problem)
+    status, other = publisher_of(sent), publisher_of(sent)
+    status.hears = hears
+    status.report(problem)
     assert len(sent) == bool(problem), 'a change is published at once'
-    heartbeat.publish()
-    message = sent[-1]
-    assert (message.node, message.period) == ('recorder', qos.HEARTBEAT_PERIOD)
-    assert message.process == heartbeat.process != other.process
-    assert message.process.startswith(f'recorder {os.getpid()} ')
-    assert message.problem == ' '.join(problem.split())
-    assert tuple(message.hears) == hears
+    status.describe(b'\1', 'recording', {'lost': 0})
+    status.publish()
+    one, = sent[-1].status
+    assert (one.level, one.name, one.message, one.hardware_id) == (b'\1', 'rosette/recorder', 'recording', 'rosette')
+    assert values_of(one)['lost'] == '0'
+    monitor = NodeMonitors(SimpleNamespace(get_namespace=lambda: '/rosette', create_subscription=lambda *_: None))
+    found = monitor.of('recorder')
+    monitor._receive(sent[-1])
+    assert found.process == status.process != other.process
+    assert found.process.startswith(f'recorder {os.getpid()} ')
+    assert (found.problem, found.hears) == (' '.join(problem.split()), hears)
 
 
 @pytest.mark.parametrize(('cmm', 'recorder', 'hears', 'is_disconnected', 'is_settled'), [
@@ -47,7 +51,7 @@ def test_a_heartbeat_holds_what_it_was_given(problem, hears):
     ('cmm 2', 'recorder 1', (), True, True),
 ])
 def test_a_run_waits_until_the_recorder_receives_from_all(cmm, recorder, hears, is_disconnected, is_settled):
-    """The heartbeat of an earlier process does not count; a node without heartbeat is not waited for."""
+    """The status of an earlier process does not count; a node without a status is not waited for."""
     monitor = CellMonitor.__new__(CellMonitor)
     monitor._complete_since = 0.0
     monitor._monitors = {
@@ -59,20 +63,20 @@ def test_a_run_waits_until_the_recorder_receives_from_all(cmm, recorder, hears, 
 
 
 def test_a_node_that_computes_says_so_and_is_there(wait_until):
-    """Heartbeats begin with the first callback, are published by another thread, and end before the node does."""
+    """Statuses begin with the first callback, are published by another thread, and end before the node does."""
     sent = []
-    heartbeat = publisher_of(sent)
-    heartbeat.end()
+    status = publisher_of(sent)
+    status.end()
     assert sent == [], 'a node that was never called back has no thread'
-    heartbeat = publisher_of(sent)
-    heartbeat.serve()
+    status = publisher_of(sent)
+    status.serve()
     wait_until(lambda: len(sent) >= 3)  # nothing is called back meanwhile
-    assert sent[0].busy < sent[1].busy < sent[2].busy
-    heartbeat.serve()
-    heartbeat.end()
+    status.serve()
+    status.end()
     published = len(sent)
-    heartbeat.publish()
-    assert sent[-1].busy < sent[2].busy
+    status.publish()
+    busy = [float(values_of(one.status[0])['busy_s']) for one in sent]
+    assert busy[0] < busy[1] < busy[2] > busy[-1]
     assert len(sent) == published + 1
 
 
@@ -83,22 +87,25 @@ class Watched:
         """Start at a time of its own, without a publisher."""
         self.now, self.publishers = 100.0, 0
         monkeypatch.setattr('rosette_ros.nodes.liveliness.time', SimpleNamespace(monotonic=lambda: self.now))
-        subscription = SimpleNamespace(get_publisher_count=lambda: self.publishers)
-        self.monitor = NodeMonitor(SimpleNamespace(
-            resolve_topic_name=str, create_subscription=lambda *_: subscription), 'cmm')
+        self.monitors = NodeMonitors(SimpleNamespace(
+            get_namespace=lambda: '/rosette', create_subscription=lambda *_: None,
+            get_publishers_info_by_topic=lambda _: self.publishers * [
+                SimpleNamespace(node_namespace='/rosette', node_name='cmm')] + [
+                SimpleNamespace(node_namespace='/rosette', node_name='recorder')]))
+        self.monitor = self.monitors.of('cmm')
 
     def receive(self, process, busy=0.0):
-        """Receive a heartbeat."""
-        self.monitor._on_heartbeat(Heartbeat(process=process, busy=busy))
+        """Receive a status."""
+        self.monitor.receive({'process': process, 'busy_s': str(busy)})
 
     def wait(self, duration, step=0.1):
         """Let time pass in steps of the node that watches."""
         for _ in range(round(duration / step)):
             self.now += step
-            self.monitor.watch()
+            self.monitors.watch()
 
 
-def test_a_node_whose_heartbeats_stay_away_is_disconnected(monkeypatch):
+def test_a_node_whose_statuses_stay_away_is_disconnected(monkeypatch):
     """Killed: its publisher stays on the graph; taken down in good order: its publisher is not there any more."""
     watched = Watched(monkeypatch)
     monitor = watched.monitor
@@ -124,7 +131,7 @@ def test_a_node_whose_heartbeats_stay_away_is_disconnected(monkeypatch):
     assert monitor.is_disconnected
 
 
-def test_heartbeats_that_wait_for_a_node_that_stood_still_are_not_missed(monkeypatch):
+def test_statuses_that_wait_for_a_node_that_stood_still_are_not_missed(monkeypatch):
     """After a minute of its own calculation, or of sleep of the computer, no other node seems to be disconnected."""
     watched = Watched(monkeypatch)
     watched.publishers = 1
@@ -149,6 +156,6 @@ def test_a_node_that_answers_nothing_is_told(monkeypatch):
     watched.receive('cmm 1', busy=BUSY - 0.1)
     assert cell.busy() == []
     watched.receive('cmm 1', busy=12.3)
-    assert cell.busy() == ['cmm has answered nothing for 12 s: it computes, hangs or lacks processor time']
+    assert cell.busy() == ['cmm has answered nothing for more than 2 s: it computes, hangs or lacks processor time']
     watched.publishers = 0
     assert cell.busy() == []

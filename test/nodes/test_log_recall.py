@@ -8,7 +8,7 @@ import pytest
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.type_definitions import TypeLibrary
-from rosette_ros.nodes.log_recall import find_part, next_part, parts_of, recall
+from rosette_ros.nodes.log_session import find_part, next_part, parts_of, recall
 
 
 def test_a_run_means_its_last_part(tmp_path, monkeypatch):

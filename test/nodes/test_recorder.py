@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder's services, and messages that arrive at an unwelcome moment."""
 
-import errno
 import itertools
-import shutil
 import time
 from pathlib import Path
 
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.serialization import serialize_message
+from recordings import measure, receive, start, stop
 from rosette_msgs.msg import (
     BallCentre,
     CalibrationEvent,
@@ -21,58 +20,25 @@ from rosette_msgs.msg import (
     Model,
     ProbeTarget,
     RunState,
-    Touches,
 )
-from rosette_msgs.srv import Diagnose, Recall, Recorded, StartRecording, StopRecording
+from rosette_msgs.srv import Diagnose, Recorded, StartRecording
 from rosgraph_msgs.msg import Clock
 from service_msgs.msg import ServiceEventInfo
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata, written_file
-from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.log_writer import LogWriter
+from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.nodes import conversions
 from rosette_ros.nodes import recorder as recorder_module
 from rosette_ros.nodes.base_node import WAKE_PERIOD
 from rosette_ros.nodes.interfaces import decoded
-from rosette_ros.nodes.log_recall import iter_copied
 from rosette_ros.nodes.recorder import Recorder
 
 QUESTION = Diagnose.Event(info=ServiceEventInfo(event_type=ServiceEventInfo.REQUEST_RECEIVED))
 IDLE = RunState(phase=RunState.PHASE_IDLE)
 STAMP = Time(sec=7)
-
-
-@pytest.fixture
-def recorder(ros, tmp_path):
-    """Yield a Recorder whose messages come from the test alone."""
-    with ros('-r', '__ns:=/rosette', '-p', f'log_dir:={tmp_path}'):
-        node = Recorder()
-        yield node
-        if node._session.is_open:
-            node._close()
-        node.destroy_node()
-
-
-def receive(node, name, message):
-    """Let a message arrive."""
-    node._receive(node.resolve_topic_name(name), serialize_message(message))
-
-
-def start(node, run_id):
-    """Open the log of a run."""
-    return node._on_start(StartRecording.Request(run_id=run_id), StartRecording.Response())
-
-
-def stop(node, run_id, phase=0, is_recorded=True):
-    """Close it; is_recorded: whether the traffic of the request arrives first."""
-    request = StopRecording.Request(run_id=run_id, phase=phase)
-    if is_recorded:
-        info = ServiceEventInfo(event_type=ServiceEventInfo.REQUEST_RECEIVED)
-        receive(node, 'recorder/stop_recording/_service_event', StopRecording.Event(info=info, request=[request]))
-    return node._on_stop(request, StopRecording.Response())
 
 
 def test_latched_targets_of_an_earlier_run_that_arrive_late(recorder, tmp_path):
@@ -92,6 +58,31 @@ def test_names_of_runs_are_compared_whole(recorder, tmp_path, other):
         receive(recorder, 'probe_target', ProbeTarget(header=Header(frame_id='row'), run_id=run_id, seq=1, attempt=1))
     assert stop(recorder, 'row').success
     assert [target.run_id for target in read_log(tmp_path / 'row').targets] == ['row']
+
+
+def status_of(node, message, process='1', level=b'\0', **values):
+    """Return the DiagnosticArray of a node's status."""
+    values = {'process': f'{node} {process}', **values}
+    return DiagnosticArray(status=[DiagnosticStatus(level=level, name=f'rosette/{node}', message=message, values=[
+        KeyValue(key=key, value=value) for key, value in values.items()])])
+
+
+def test_a_status_is_recorded_when_it_changes(recorder, tmp_path):
+    """Level, message or process: 30 s of a ball were 360 messages of presence. Every log has the present ones."""
+    changes = [status_of('cmm', 'ready'), status_of('evaluator', 'ready'), status_of('cmm', 'measuring'),
+               status_of('cmm', 'measuring', '2'), status_of('cmm', 'measuring', '2', b'\1')]
+    for run_id in 'run', 'next':
+        assert start(recorder, run_id).success
+        for message in changes:
+            for second in range(60):
+                message.header.stamp.sec = second
+                receive(recorder, '/diagnostics', message)
+        recorder._close()
+        found = [decoded(one.data, DiagnosticArray).status[0] for one in iter_log(tmp_path / run_id)
+                 if one.topic == '/diagnostics']
+        assert [(one.name, one.message, one.level, one.values) for one in found] == [
+            (one.name, one.message, one.level, one.values) for message in changes for one in message.status]
+    assert set(recorder._processes.values()) == {'cmm 2', 'evaluator 1'}
 
 
 @pytest.mark.parametrize('is_simulated', [False, True])
@@ -226,6 +217,28 @@ def test_what_is_recorded_of_a_result_is_answered(recorder):
     assert recorder._on_recorded(request, Recorded.Response()).missing == ['the table frame']
 
 
+def test_what_the_log_lacks_of_the_run_is_written_as_the_sequencer_has_it(recorder, tmp_path):
+    """A recorder that was killed, or did not receive a message: nothing is measured again."""
+    assert start(recorder, 'run').success
+    measure(recorder, 1, 2, 3)
+    answers, whole = recorder._contents.answers, recorder._contents.answers.readings_hash
+    run = conversions.run_message(answers, placed(1.0, 5).transforms, STAMP)
+    recorder._close()
+    assert recorder._on_start(StartRecording.Request(run_id='next'), StartRecording.Response()).success
+    receive(recorder, 'run', run)  # is of another log
+    recorder._close()
+    resumed = recorder._on_start(StartRecording.Request(run_id='run', resumes='run'), StartRecording.Response())
+    recorder._contents._answers.__init__('run')
+    for is_missing in (True, False):
+        request = Recorded.Request(run_id='run', readings_hash=whole)
+        assert ('the readings' in recorder._on_recorded(request, Recorded.Response()).missing) == is_missing
+        receive(recorder, 'run', run)
+    recorder._close()
+    log = read_log(Path(resumed.log))
+    assert log.runs['run'].readings_hash == whole
+    assert read_log(tmp_path / 'next').answers == []
+
+
 def placed(x, sec):
     """Return a table frame at x, m, with a stamp."""
     return TFMessage(transforms=[TransformStamped(
@@ -248,8 +261,6 @@ def test_a_frame_of_an_earlier_run_is_none_of_a_resumed_one(recorder, tmp_path):
     for part in 'run_part2', 'run_part3':
         resumed = recorder._on_start(StartRecording.Request(run_id='run', resumes='run'), StartRecording.Response())
         assert resumed.success, resumed.message
-        recalled = recorder._on_recall(Recall.Request(run='run'), Recall.Response())
-        assert {one.transform.translation.x for one in recalled.frames} == {1.0}
         recorder._close()
         assert read_log(tmp_path / part).runs['run'].frame().origin.tolist() == [1.0, 0.0, 0.0]
 
@@ -270,128 +281,6 @@ def test_the_log_is_not_read_again_and_again(recorder, monkeypatch):
     assert (len(sums), len(described)) == (2, 1)
     recorder._close()
     assert (len(sums), len(described)) == (3, 2)
-
-
-# The disk does not hold what was written
-
-DONE = RunState(run_id='run', phase=RunState.PHASE_DONE)
-
-
-def measure(node, *balls):
-    """Let a target and its answer arrive for each ball, at table position 1."""
-    for ball in balls:
-        common = {'run_id': 'run', 'seq': ball, 'table_position': 1, 'ball': ball}
-        receive(node, 'probe_target', ProbeTarget(attempt=1, phase=3, balls=3, radius=0.1, **common))
-        header = Header(stamp=Time(sec=ball), frame_id='table')
-        receive(node, 'touches', Touches(header=header, x=[0.1, 0.2], **common))
-        receive(node, 'ball_centre', BallCentre(header=header, **common))
-
-
-def overwrite(path):
-    """Change a byte in the middle of what was written."""
-    with open(path, 'r+b') as stream:
-        stream.seek(path.stat().st_size // 2)
-        stream.write(b'\xff\x00\xff')
-
-
-def replace(path):
-    """Put a copy in the place of the file."""
-    shutil.copy(path, path.with_suffix('.copy'))
-    path.with_suffix('.copy').rename(path)
-
-
-DAMAGES = {
-    'was deleted': lambda path: path.unlink(),
-    'was deleted with its folder': lambda path: shutil.rmtree(path.parent),
-    'was replaced by another file': replace,
-    'has 0 bytes, ': lambda path: path.write_bytes(b''),
-    'has 100 bytes, ': lambda path: path.write_bytes(path.read_bytes()[:100]),
-    'holds other bytes than were written': overwrite,
-}
-
-
-@pytest.mark.parametrize('damage', DAMAGES)
-@pytest.mark.parametrize('later', [(), (3,)], ids=['at once', 'after another ball'])
-def test_a_log_that_is_gone_is_continued_in_a_new_one(recorder, tmp_path, damage, later):
-    """What is reported as recorded is on the disk: the new log begins with every answer, and ends the run."""
-    assert start(recorder, 'run').success
-    measure(recorder, 1, 2)
-    receive(recorder, 'calibration_event', CalibrationEvent(run_id='run', kind=1, settings='balls: 3'))
-    recorder._session.flush()
-    DAMAGES[damage](tmp_path / 'run' / 'run_0.mcap')
-    measure(recorder, *later)
-    response = recorder._on_recorded(Recorded.Request(run_id='run'), Recorded.Response())
-    assert response.success
-    assert list(response.seq) == [1, 2, *later]
-    assert recorder._session.directory.name == 'run_part2'
-    assert not recorder._session.failure
-    on_disk = read_log(tmp_path / 'run_part2')
-    assert [answer.seq for answer in on_disk.answers] == [1, 2, *later]
-    assert [event.settings for event in on_disk.events] == ['balls: 3']
-    measure(recorder, 4)
-    receive(recorder, 'run_state', DONE)
-    receive(recorder, 'calibration_event', CalibrationEvent(run_id='run', kind=CalibrationEvent.SUCCEEDED))
-    response = stop(recorder, 'run', RunState.PHASE_DONE)
-    assert (response.success, response.log) == (True, str(tmp_path / 'run_part2'))
-    whole = read_log(tmp_path / 'run_part2')
-    assert [answer.seq for answer in whole.answers] == [1, 2, *later, 4]
-    assert (whole.problems, whole.custom_data['rosette.resumes']) == ((), 'run')
-    copied = [decoded(one.data, Touches) for name, one in iter_copied(tmp_path / 'run_part2') if name == 'touches']
-    assert [(one.seq, *one.x) for one in copied] == [(seq, 0.1, 0.2) for seq in (1, 2, *later, 4)]
-
-
-def test_a_deleted_log_is_noticed_by_the_clock_alone(recorder, tmp_path, capfd):
-    """No message has to arrive; it is told which file, and where the run continues."""
-    assert start(recorder, 'run').success
-    measure(recorder, 1)
-    (tmp_path / 'run' / 'run_0.mcap').unlink()
-    recorder.wake()
-    assert (f'the log {tmp_path}/run is damaged: run_0.mcap was deleted; it continues in {tmp_path}/run_part2'
-            in capfd.readouterr().err)
-    recorder._session.flush()
-    assert [answer.seq for answer in read_log(tmp_path / 'run_part2').answers] == [1]
-
-
-def test_a_deleted_log_without_room_for_another_is_no_success(recorder, tmp_path, monkeypatch):
-    """The heartbeat says why, the answers are not reported as recorded, and closing does not succeed."""
-    assert start(recorder, 'run').success
-    measure(recorder, 1)
-    shutil.rmtree(tmp_path / 'run')
-    monkeypatch.setattr(LogWriter, '_prepare_directory', lambda self: (_ for _ in ()).throw(InvalidData('no room')))
-    recorder.wake()
-    words = f'the log {tmp_path}/run is damaged: run_0.mcap was deleted; no room'
-    assert recorder.heartbeat._problem == words
-    assert not recorder._on_recorded(Recorded.Request(run_id='run'), Recorded.Response()).success
-    response = stop(recorder, 'run', RunState.PHASE_DONE)
-    assert (response.success, response.message) == (False, words)
-
-
-def test_a_log_that_is_damaged_as_it_is_closed_is_no_success(recorder, tmp_path, monkeypatch):
-    """After the last look at its bytes."""
-    assert start(recorder, 'run').success
-    measure(recorder, 1)
-    close = LogWriter.close
-    monkeypatch.setattr(LogWriter, 'close', lambda self: (close(self), overwrite(tmp_path / 'run' / 'run_0.mcap')))
-    response = stop(recorder, 'run')
-    assert not response.success
-    assert response.message == f'{tmp_path}/run: run_0.mcap holds other bytes than were written'
-
-
-@pytest.mark.parametrize('step', ['os.open', 'os.fsync', 'os.link', 'pathlib.Path.mkdir'])
-def test_a_disk_without_inodes_refuses_a_log_and_nothing_is_left(recorder, tmp_path, monkeypatch, step):
-    """Whatever fails: the node lives, says why, and the next log is opened under the same name."""
-    def refuse(*_, **__):
-        raise OSError(errno.ENOSPC, 'No space left on device')
-
-    with monkeypatch.context() as patch:
-        patch.setattr(step, refuse)
-        response = start(recorder, 'run')
-        receive(recorder, 'evaluator/diagnose/_service_event', QUESTION)
-        recorder.wake()
-    assert not response.success
-    assert 'No space left on device' in response.message
-    assert list(tmp_path.rglob('*')) == []
-    assert start(recorder, 'run').success
 
 
 def test_a_log_whose_run_is_over_does_not_refuse_the_next_run(recorder, monkeypatch):

@@ -89,8 +89,8 @@ def test_another_publisher_that_is_alone_is_used(clock):
     assert changes == [{bytes([2] * 16)}, {bytes([3] * 16)}]
 
 
-def test_a_restarted_node_is_there_before_its_first_heartbeat(clock):
-    """The last heartbeat of the one before is forgotten meanwhile; one that is never heard has ended."""
+def test_a_restarted_node_is_there_before_its_first_status(clock):
+    """The last status of the one before is forgotten meanwhile; one that is never heard has ended."""
     topic, heard = Topic(), 1
 
     peer = SimpleNamespace(
