@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The six errors in a line each, for people and programs: the summary after ISO 230-7."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from rosette_ros.analysis import Change
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.io.identity_file import ARC_SECOND
@@ -75,6 +77,27 @@ def differences(every: Mapping[str, ErrorMotions]) -> Table:
     return Table('differences', 'Differences of the curves', tuple(columns),
                  note=f'The largest difference at an angle, with U (k = {COVERAGE_FACTOR}) of both runs at that angle. '
                  'Of many angles the largest is beyond U now and then by chance.')
+
+
+def change_errors(change: Change) -> Table:
+    """Return the errors of a run before and after a change of the model."""
+    fits = change.before, change.after
+    errors = change.cross_validation_before, change.cross_validation_after
+    rows: list[tuple[str, str, list[Any], Callable[[Any], str]]] = [
+        ('residual', 'µm', [1e6 * fit.rms for fit in fits], partial(text.fixed, places=3)),
+        ('reduced χ²', '', [fit.reduced_chi_square for fit in fits], chi_square_text),
+        (text.CROSS_VALIDATION, 'µm', [1e6 * one for one in errors], partial(text.fixed, places=3)),
+        ('degrees of freedom', '', [fit.dof for fit in fits], str)]
+    return Table('change', 'Error before and after', (
+        words('quantity', 'quantity', [name for name, *_ in rows]), words('unit', 'unit', [row[1] for row in rows]),
+        *(Column(key, key, tuple(values[side] for _, _, values, _ in rows),
+                 tuple(show(values[side]) for _, _, values, show in rows))
+          for side, key in enumerate(('before', 'after')))))
+
+
+def chi_square_text(value: float | None) -> str:
+    """Return a reduced chi-square for people."""
+    return text.UNKNOWN if value is None else text.significant(value)
 
 
 def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:

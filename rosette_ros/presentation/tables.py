@@ -26,7 +26,7 @@ from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.error_results import chi_square_text, errors
 from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.presentation.table_format import (
     Column,
@@ -276,16 +276,12 @@ def nested_models(steps: Sequence[LadderStep]) -> Table:
     return Table('ladder', 'Nested models: the error after each effect that is added', (
         words('model', 'model', nested_names(steps)),
         micrometre_column('rms_um', 'residual', [fit.rms for fit in fits]),
-        column('reduced_chi_square', 'reduced χ²', [fit.reduced_chi_square for fit in fits], _chi_square),
+        column('reduced_chi_square', 'reduced χ²', [fit.reduced_chi_square for fit in fits], chi_square_text),
         column('rank', 'parameters', [fit.rank for fit in fits], str),
         column('dof', 'degrees of freedom', [fit.dof for fit in fits], str),
         micrometre_column('held_out_rms_um', text.CROSS_VALIDATION, errors),
         column('held_out_change', 'change', change,
                lambda one: '' if one is None else f'{text.signed(100 * one, 0)} %')))
-
-
-def _chi_square(value: float | None) -> str:
-    return text.UNKNOWN if value is None else text.significant(value)
 
 
 def nested_names(steps: Sequence[LadderStep]) -> list[str]:
@@ -429,22 +425,6 @@ def orders(advice: Advice) -> Table:
         column('duration_s', 'whole run', [one.duration for one in every], text.duration),
         *(column(f'visible_fraction_{name}', name, [one.share(name) for one in every], text.percent)
           for name in advice.wanted)), levels=tuple('strong' if mark == 'recommended' else '' for mark in marks))
-
-
-def change_errors(change: Change) -> Table:
-    """Return the errors of a run before and after a change of the model."""
-    fits = change.before, change.after
-    errors = change.cross_validation_before, change.cross_validation_after
-    rows: list[tuple[str, str, list[Any], Callable[[Any], str]]] = [
-        ('residual', 'µm', [1e6 * fit.rms for fit in fits], partial(text.fixed, places=3)),
-        ('reduced χ²', '', [fit.reduced_chi_square for fit in fits], _chi_square),
-        (text.CROSS_VALIDATION, 'µm', [1e6 * one for one in errors], partial(text.fixed, places=3)),
-        ('degrees of freedom', '', [fit.dof for fit in fits], str)]
-    return Table('change', 'Error before and after', (
-        words('quantity', 'quantity', [name for name, *_ in rows]), words('unit', 'unit', [row[1] for row in rows]),
-        *(Column(key, key, tuple(values[side] for _, _, values, _ in rows),
-                 tuple(show(values[side]) for _, _, values, show in rows))
-          for side, key in enumerate(('before', 'after')))))
 
 
 def curve_changes(change: Change) -> Table:

@@ -35,6 +35,8 @@ from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.words.verdict_words import verdict_text
 
+pytestmark = pytest.mark.long
+
 BALLS = 5
 CREEP = Model().with_effect('plate_creep')
 

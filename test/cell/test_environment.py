@@ -20,6 +20,7 @@ from rosette_ros.nodes.environment import check_domain
 from rosette_ros.nodes.recorder import LAST_MESSAGES
 
 PROFILE = Path(supervisor.__file__).with_name('fastdds.xml')
+LOG = Path(__file__).parents[1] / 'golden' / 'logs' / 'log_clean_n6_diagonal'
 
 
 @pytest.mark.parametrize(('given', 'wanted'), [
@@ -117,7 +118,7 @@ def test_a_domain_that_does_not_exist(given, domain, words):
     ('ROS_DOMAIN_ID', '300', ('cell',), 'ROS_DOMAIN_ID: wanted a whole number in 0..232'),
     ('PYTHONPATH', 'rclpy', ('check-cmm',), r'check-cmm: \S*/rclpy/__init__.py: wanted a package that can be loaded, '
                                             "got: No module named 'rclpy.*; check PYTHONPATH"),
-    ('DASK_CONFIG', 'dask', ('archive', 'query', '--help'),
+    ('DASK_CONFIG', 'dask', ('archive', 'add', str(LOG), '--into', 'archive'),
      r'archive: \S*dask\S*: wanted a package that can be loaded, got: A dask config file at .* is malformed'),
 ])
 def test_an_environment_of_others_is_told_in_one_line(tmp_path, name, value, verb, words):

@@ -16,6 +16,8 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.tables import curves
 
+pytestmark = pytest.mark.long
+
 
 def pages_of(data):
     """Return the text of each page, white space as blanks."""

@@ -20,6 +20,8 @@ from rosette_ros.core.records import CURVES
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.words.verdict_words import verdict_text
 
+pytestmark = pytest.mark.long
+
 COMMAND = (sys.executable, '-m', 'rosette_ros.cli.main')
 TIMEOUT = 240
 BALLS, REPEATS = 6, 3

@@ -11,6 +11,8 @@ from simulated import DRIFT, simulated_run, simulated_table
 from rosette_ros.cli.console import console, print_table
 from rosette_ros.presentation.table_format import Table, column, words
 
+pytestmark = pytest.mark.long
+
 SIGMA = 1e-7
 
 

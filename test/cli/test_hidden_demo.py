@@ -21,6 +21,8 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 from rosette_ros.simulation.envelope import open_envelope
 
+pytestmark = pytest.mark.long
+
 SEED, BALLS = 3, 6
 
 

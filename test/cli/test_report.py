@@ -15,6 +15,8 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
 
+pytestmark = pytest.mark.long
+
 N = 8
 
 

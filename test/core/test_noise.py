@@ -24,6 +24,8 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.formatting import uncertainty_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
+pytestmark = pytest.mark.long
+
 
 def covariance(sd, phi, wander):
     """Return the covariance (3 N, 3 N) of a noise, written out."""

@@ -23,6 +23,8 @@ from rosette_ros.core.touches import centre_factors, usual_directions
 from rosette_ros.core.uncertainty_budget import TouchScatter, budget, root_mean
 from rosette_ros.presentation.budget_results import together_words
 
+pytestmark = pytest.mark.long
+
 NOISE = 1e-7
 ALL = BudgetInputs({
     'ball_form': {'form_um': 4e-7, 'touches': 8},

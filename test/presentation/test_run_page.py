@@ -18,6 +18,8 @@ from rosette_ros.presentation.report import Source, open_source, report_html, wr
 from rosette_ros.presentation.report.verification import verification_html, verify
 from rosette_ros.words.verdict_words import verdict_text
 
+pytestmark = pytest.mark.long
+
 ORDER = ['verdict', 'curves', 'fails', 'seen', 'measured', 'uncertainty', 'unknown', 'values', 'deviations',
          'residuals', 'ladder', 'candidates', 'visibility', 'conditions']
 FIGURES = ['curves', 'residual_maps', 'polar', 'budget', 'deviations', 'residuals_against', 'histogram', 'noise',

@@ -16,7 +16,7 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.studio.archive_view import differences
+from rosette_ros.studio.archive_view import less_earliest
 
 pytestmark = pytest.mark.long
 
@@ -77,11 +77,11 @@ def test_differences_want_the_same_table_angles():
     """Each run less the first, u of both; a run between the steps of the other is refused."""
     one, other = (ErrorMotions(nominal_angles(4), np.full((4, 6), value), np.full((4, 6), u))
                   for value, u in ((1e-6, 3e-7), (3e-6, 4e-7)))
-    [(name, less)] = differences([('a', one), ('b', other)])
+    [(name, less)] = less_earliest([('a', one), ('b', other)])
     assert name == 'b less a'
     np.testing.assert_allclose(less.values, 2e-6, rtol=1e-12)
     np.testing.assert_allclose(less.u, 5e-7, rtol=1e-12)
     turned = ErrorMotions(other.angle + np.deg2rad(15), other.values, other.u)
     with pytest.raises(InvalidData, match=(
             '^wanted runs at the same table angles, got b with 4 from 15° and a with 4 from 0°$')):
-        differences([('a', one), ('b', turned)])
+        less_earliest([('a', one), ('b', turned)])

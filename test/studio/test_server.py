@@ -16,6 +16,8 @@ from playwright.sync_api import expect
 
 from rosette_ros.studio.server import MOST_BROWSERS, Controllers
 
+pytestmark = pytest.mark.long
+
 LOADS = 300
 MOST_KEPT = 60
 """MB; a page that is built takes more than 1 MB."""

@@ -21,9 +21,8 @@ from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.records import Floats, Ints, Run
 
 FOLDS = 8
-LARGEST = 100  # readings in a block: keeps the matrices of large runs small
-UNITS = 100
-"""Coordinates of a block that are freed of the model at a time."""
+LARGEST = 100
+"""Readings of a block, and coordinates of it that are freed of the model at a time: it bounds the matrices."""
 SAFE = 1e-3
 """Smallest diagonal element of a Cholesky factor that is not taken as singular."""
 IMPUTATIONS = 2
@@ -70,8 +69,8 @@ class CrossValidation:
         for fold in range(self.folds):
             readings = np.sort(order[fold::self.folds][:LARGEST])
             index = (3 * readings[:, None] + np.arange(3)).reshape(-1)
-            own = np.concatenate([self._freed(np.eye(index.size)[start:start + UNITS], index, size)[:, index]
-                                  for start in range(0, index.size, UNITS)])
+            own = np.concatenate([self._freed(np.eye(index.size)[start:start + LARGEST], index, size)[:, index]
+                                  for start in range(0, index.size, LARGEST)])
             self._blocks.append(_Block(index, own, np.linalg.inv(own) if _is_sound(own) else None))
 
     def _freed(self, values: Reals, index: Ints, size: int) -> Floats:

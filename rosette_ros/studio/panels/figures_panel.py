@@ -11,7 +11,7 @@ from rosette_ros.core.error_summary import doubt_of, fit_lines
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.error_results import change_errors, errors
 from rosette_ros.presentation.formatting import FOUND, NOW, words_of
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
@@ -151,7 +151,7 @@ class FiguresPanel:
 
 def preview_words(change: Change) -> str:
     """Return what a Change does to the errors, and whether it helps."""
-    rows = tables.change_errors(change).select('quantity', 'before', 'after', 'unit').rows
+    rows = change_errors(change).select('quantity', 'before', 'after', 'unit').rows
     errors = '; '.join(f'{quantity} {before} → {after} {unit}'.strip() for quantity, before, after, unit in rows)
     judged = 'It helps' if change.helps else 'It makes the error larger' if change.hurts else 'It does not help'
     return f'{judged}: {errors}.'
