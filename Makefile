@@ -19,7 +19,7 @@ help:
 	@echo 'make bench   run the benchmarks against peers'
 	@echo 'make blind   blind tests: the machine hides effects, the diagnosis has to identify them'
 	@echo 'make fuzz    10 000 generated inputs at every interface (FUZZ=... for another number)'
-	@echo 'make soak    kill nodes in 30 runs, measure 100 000 balls, record 2 x 2000 messages/s for 60 s'
+	@echo 'make soak    kill nodes in 60 runs, measure 100 000 balls, record 2 x 2000 messages/s for 60 s'
 	@echo 'make docs    write docs/effects.md, which is made from the library of effects'
 	@echo 'make pictures  make the pictures of the documentation again (needs Chromium)'
 	@echo 'make lint    check style, types, and what the project has grown to'
@@ -48,7 +48,7 @@ fuzz: setup
 	@FUZZ_EXAMPLES=$(or $(FUZZ),10000) $(VENV_PYTHON) -m pytest -q --timeout 7200 test/fuzz test/certificate/test_dcc_check.py
 
 soak: setup
-	@KILLS=30 $(VENV_PYTHON) -m pytest -q --timeout 3600 test/nodes/test_cell_kills.py
+	@KILLS=60 $(VENV_PYTHON) -m pytest -q --timeout 3600 test/nodes/test_cell_kills.py
 	@$(VENV_PYTHON) -m benchmarks.soak
 	@$(VENV_PYTHON) -m benchmarks.recorder_rate
 

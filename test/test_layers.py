@@ -36,7 +36,7 @@ ALLOWED = {
     'presentation': {'core', 'words', 'io', 'analysis', 'presentation'},
     'certificate': {'core', 'words', 'io', 'analysis', 'presentation', 'certificate'},
     'archive': {'core', 'words', 'io', 'analysis', 'presentation', 'archive'},
-    'nodes': {'core', 'words', 'io', 'simulation', 'analysis', 'archive', 'calibration', 'dme', 'nodes'},
+    'nodes': {'core', 'words', 'io', 'simulation', 'analysis', 'calibration', 'dme', 'nodes'},
     'cell': {'core', 'io', 'calibration', 'nodes', 'cell'},
     'studio': {'core', 'words', 'io', 'analysis', 'presentation', 'archive', 'calibration', 'nodes', 'cell',
                'studio'},

@@ -35,7 +35,7 @@ def clone(setup_venv, monkeypatch, tmp_path):
     """The set-up in a small clone whose steps write down that they were done and do nothing else."""
     for name, text in {
         'msg_defs/msg/A.msg': 'float64 a\n', 'tools/tf2_msgs/package.xml': '', 'requirements/requirements.lock': '',
-        'tools/venv_hook.py': '', 'tools/idl_cache.py': '', 'tools/byte_code.py': '', 'package.xml': '',
+        'tools/venv_hook.py': '', 'tools/byte_code.py': '', 'package.xml': '',
         'setup.cfg': '', 'setup.py': '',
     }.items():
         path = tmp_path / name
@@ -45,7 +45,7 @@ def clone(setup_venv, monkeypatch, tmp_path):
     state = venv / 'rosette'
     for name, value in {
         'ROOT': tmp_path, 'VENV': venv, 'STATE': state, 'LOCK': tmp_path / 'requirements/requirements.lock',
-        'HOOK': tmp_path / 'tools/venv_hook.py', 'IDL_CACHE': tmp_path / 'tools/idl_cache.py',
+        'HOOK': tmp_path / 'tools/venv_hook.py',
         'BYTE_CODE': tmp_path / 'tools/byte_code.py',
         'INTERFACES': (tmp_path / 'msg_defs', tmp_path / 'tools/tf2_msgs'), 'check_machine': lambda: None,
     }.items():
@@ -133,7 +133,7 @@ def test_moved_clone_is_set_up_again(clone, monkeypatch, tmp_path):
     assert clone.pending() == []
     moved = tmp_path.with_name(f'{tmp_path.name}_moved')
     tmp_path.rename(moved)
-    for name in ('ROOT', 'VENV', 'STATE', 'LOCK', 'HOOK', 'IDL_CACHE', 'BYTE_CODE'):
+    for name in ('ROOT', 'VENV', 'STATE', 'LOCK', 'HOOK', 'BYTE_CODE'):
         monkeypatch.setattr(clone, name, moved / getattr(clone, name).relative_to(tmp_path))
     monkeypatch.setattr(clone, 'INTERFACES', (moved / 'msg_defs', moved / 'tools/tf2_msgs'))
     assert [stamp.name for _, stamp, *_ in clone.pending()] == ['packages', 'messages', 'package', 'byte_code']

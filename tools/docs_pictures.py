@@ -6,7 +6,6 @@ The first screen of the page is taken by a headless Chromium (--browser PATH).
 
 import argparse
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -17,10 +16,10 @@ from rosette_ros.analysis import analyse, summarise
 from rosette_ros.core.budget_monte_carlo import monte_carlo
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.planning.plan_comparison import outlook_of_order
+from rosette_ros.core.planning.plan_comparison import outlook
 from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.scheme import places_in_use, plan
 from rosette_ros.core.sphere_refit import TouchedBalls, refit_spheres
 from rosette_ros.core.uncertainty_budget import budget, touch_scatter
 from rosette_ros.io.ball_centre_table import write_csv
@@ -118,7 +117,7 @@ def picture_plans():
     plans = []
     for name in COMPARED:
         order, _, places = name.partition(':')
-        plans.append(replace(outlook_of_order(12, 0.1825, None, order, places), name=name))
+        plans.append(outlook(name, plan(12, order, cmm_positions=places_in_use(places, 12)), 0.1825))
     pictures = pictures_of_plans(plans)
     for name in ('shares', 'uncertainty'):
         keep(pictures[name], f'plans-{name}.png')

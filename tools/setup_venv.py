@@ -25,7 +25,6 @@ STATE = VENV / 'rosette'
 LOG = STATE / 'setup.log'
 LOCK = ROOT / 'requirements' / 'requirements.lock'
 HOOK = ROOT / 'tools' / 'venv_hook.py'
-IDL_CACHE = ROOT / 'tools' / 'idl_cache.py'
 BYTE_CODE = ROOT / 'tools' / 'byte_code.py'
 INTERFACES = (ROOT / 'msg_defs', ROOT / 'tools' / 'tf2_msgs')
 
@@ -105,7 +104,7 @@ def pending() -> list[tuple[str, Path, str, Callable[[], None]]]:
 
     Where the packages are not whole, nothing else is: they are installed into an empty .venv.
     """
-    packages_key = digest([LOCK, HOOK, IDL_CACHE], f'{RECIPE} {VENV} {BASE_PYTHON.resolve()} {VERSION}')
+    packages_key = digest([LOCK, HOOK], f'{RECIPE} {VENV} {BASE_PYTHON.resolve()} {VERSION}')
     messages_key = digest(files_below(*INTERFACES), packages_key)
     package_key = digest(package_files(), packages_key)
     steps = [
@@ -229,7 +228,6 @@ def install_packages() -> None:
         print(' uv failed, once more with pip, which takes minutes ...', end='', flush=True)
         run([*pip_command, 'install', '--no-input', '--no-compile', *options, LOCK])
     rewrite_wheel_paths()
-    share_parsing()
     install_hook()
 
 
@@ -263,14 +261,6 @@ def rewrite_wheel_paths() -> None:
             write_whole(path, text)
 
 
-def share_parsing() -> None:
-    """Let the generators of messages share what they parse."""
-    shutil.copyfile(IDL_CACHE, SITE_PACKAGES / '_rosette_idl_cache.py')
-    parser = SITE_PACKAGES / 'rosidl_parser' / 'parser.py'
-    line = 'from _rosette_idl_cache import cached; get_ast_from_idl_string = cached(get_ast_from_idl_string)'
-    write_whole(parser, f'{parser.read_text()}\n\n{line}\n')
-
-
 def install_hook() -> None:
     """Let every start of .venv's Python run venv_hook.py, before all other start-up files."""
     shutil.copyfile(HOOK, SITE_PACKAGES / '_rosette_venv.py')
@@ -283,8 +273,6 @@ def install_hook() -> None:
 def build_messages() -> None:
     """Build the interface packages into .venv and remove what an earlier build put there and this one did not."""
     build = STATE / 'build'
-    idl_cache = STATE / 'idl'
-    idl_cache.mkdir(exist_ok=True)
     # A build on top of another one would keep what is left of definitions that are no more.
     shutil.rmtree(build, ignore_errors=True)
     run(
@@ -296,7 +284,6 @@ def build_messages() -> None:
         PATH=f'{VENV / "bin"}:{os.environ["PATH"]}',
         CMAKE_PREFIX_PATH=str(VENV),
         COLCON_HOME=str(STATE),
-        ROSETTE_IDL_CACHE=str(idl_cache),
         MAKEFLAGS=f'-j{os.cpu_count()}',  # else colcon lets Ninja wait while the computer is busy (-l)
     )
     remove_stale({line for path in build.glob('*/install_manifest.txt') for line in path.read_text().splitlines()})

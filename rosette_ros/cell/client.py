@@ -286,16 +286,16 @@ class HangDetector(GraphClient):
         super().close()
 
     def hanging(self) -> list[str]:
-        """Return the nodes whose present process has published statuses, but none for HEARTBEAT_HANGS.
+        """Return the nodes whose present process has published statuses, but none for STATUS_HANGS.
 
         A node that computes publishes them. None where no statuses at all were received within this time: then the
         fault is here, or all nodes stood still together. To be called often."""
         now = time.monotonic()
-        if all(monitor.silence > qos.HEARTBEAT_LOST for monitor in self._monitors):
+        if all(monitor.silence > qos.STATUS_LOST for monitor in self._monitors):
             self._heard_none = now
-        if now - self._heard_none < qos.HEARTBEAT_HANGS:
+        if now - self._heard_none < qos.STATUS_HANGS:
             return []
-        return [monitor.peer for monitor in self._monitors if monitor.silence > qos.HEARTBEAT_HANGS
+        return [monitor.peer for monitor in self._monitors if monitor.silence > qos.STATUS_HANGS
                 and monitor.process.startswith(started(monitor.peer, self._processes[monitor.peer].popen.pid))]
 
     def _spin(self) -> None:

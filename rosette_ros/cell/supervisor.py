@@ -94,7 +94,7 @@ class NodeProcess:
         how = f'was ended by {signal.Signals(-code).name}' if code < 0 else f'ended with exit code {code}'
         if self.hung:
             return (f'node {self.name} was running (process {self.popen.pid}) but published no status for '
-                    f'{qos.HEARTBEAT_HANGS:g} s and {how}')
+                    f'{qos.STATUS_HANGS:g} s and {how}')
         return f'node {self.name} {how}{"".join(f": {x}" for x in lines[-1:])}'
 
 

@@ -31,7 +31,7 @@ _LONGEST_STEP = 0.4  # between two looks for statuses: longer, and the node that
 _PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
 _NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
 BUSY = 2.0  # a node that has called nothing back for this time is told in /diagnostics, s
-RESTART = f'wait {1.5 * qos.HEARTBEAT_HANGS:g} s for rosette cell to restart it, or restart it'
+RESTART = f'wait {1.5 * qos.STATUS_HANGS:g} s for rosette cell to restart it, or restart it'
 SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
 
 
@@ -108,7 +108,7 @@ class StatusPublisher:
 
     def _run(self) -> None:
         self.publish()
-        while not self._is_ended.wait(qos.HEARTBEAT_PERIOD):
+        while not self._is_ended.wait(qos.STATUS_PERIOD):
             self.publish()
 
 
@@ -136,7 +136,7 @@ class NodeMonitor:
         now = time.monotonic()
         self._waited, self._watched = self._waited + min(now - self._watched, _LONGEST_STEP), now
         self._received = {process: at for process, at in self._received.items()
-                          if self._waited - at < qos.HEARTBEAT_LOST}
+                          if self._waited - at < qos.STATUS_LOST}
 
     def count(self) -> int:
         """Return how many processes publish a status under this name now.
@@ -158,7 +158,7 @@ class NodeMonitor:
     @property
     def is_late(self) -> bool:
         """Whether a status is overdue of which is not yet known whether it stays away."""
-        return self.count() > 0 and self._waited - max(self._received.values()) > qos.HEARTBEAT_LATE
+        return self.count() > 0 and self._waited - max(self._received.values()) > qos.STATUS_LATE
 
     def running(self) -> int:
         """Return how many processes run, those counted that have published no status yet."""

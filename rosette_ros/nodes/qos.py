@@ -25,10 +25,10 @@ CLOCK = _profile(10)
 STATUS = _profile(10)
 STATUSES = _profile(100)  # from all nodes of the domain
 
-HEARTBEAT_PERIOD = 0.5  # a node publishes its status at this interval, s
-HEARTBEAT_LATE = 1.5 * HEARTBEAT_PERIOD  # after this time it is waited for, and nothing is asked again, s
-HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD  # a process without a status for this time is disconnected, s
-HEARTBEAT_HANGS = 40 * HEARTBEAT_PERIOD  # after this time, its supervisor ends and restarts a process that runs, s
+STATUS_PERIOD = 0.5  # a node publishes its status at this interval, s
+STATUS_LATE = 1.5 * STATUS_PERIOD  # after this time it is waited for, and nothing is asked again, s
+STATUS_LOST = 2.5 * STATUS_PERIOD  # a process without a status for this time is disconnected, s
+STATUS_HANGS = 40 * STATUS_PERIOD  # after this time, its supervisor ends and restarts a process that runs, s
 
 TRANSFORMS = _profile(100)
 JOINTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -14,7 +14,7 @@ from rclpy.subscription import Subscription
 from rosette_ros.nodes import names
 from rosette_ros.nodes.graph_node import name_of
 from rosette_ros.nodes.liveliness import NodeMonitor, process_of
-from rosette_ros.nodes.qos import HEARTBEAT_LOST
+from rosette_ros.nodes.qos import STATUS_LOST
 
 
 class TopicPublishers:
@@ -98,6 +98,6 @@ class TopicPublishers:
         beating = {process_of(one.endpoint_gid) for one in self._peer.publishers()}
         found = sorted(self._names, key=lambda gid: self._first_seen[gid])
         with_status = [gid for gid in found if process_of(gid) in beating]
-        is_new = any(now - self._first_seen[gid] < HEARTBEAT_LOST for gid in with_status[-1:])
+        is_new = any(now - self._first_seen[gid] < STATUS_LOST for gid in with_status[-1:])
         ended = with_status[:max(len(with_status) - max(self._peers, is_new), 0)]
         return frozenset(self._names) - frozenset(ended)

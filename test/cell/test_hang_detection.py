@@ -14,12 +14,12 @@ from rosette_ros.nodes import names, qos
 pytestmark = pytest.mark.long
 
 N, SILENT = 4, 20
-LONG, SHORT = qos.HEARTBEAT_HANGS + 0.1, qos.HEARTBEAT_LOST - 0.1
+LONG, SHORT = qos.STATUS_HANGS + 0.1, qos.STATUS_LOST - 0.1
 
 
 @pytest.mark.parametrize(('recorder', 'cmm', 'hanging'), [
     (('recorder 71 ab', SHORT), ('cmm 72 cd', LONG), [names.CMM]),
-    (('recorder 71 ab', SHORT), ('cmm 72 cd', qos.HEARTBEAT_HANGS - 0.1), []),
+    (('recorder 71 ab', SHORT), ('cmm 72 cd', qos.STATUS_HANGS - 0.1), []),
     (('recorder 71 ab', SHORT), ('cmm 7 cd', LONG), []),  # the one before: this one is still loading its modules
     (('recorder 71 ab', SHORT), ('', LONG), []),
 ])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any node is killed at any moment: every answered ball is in the log, the run is completed, the curves agree.
 
-The machine has no noise, so that curves agree bit for bit. KILLS=30 tries so many seeded runs, `make soak` does.
+The machine has no noise, so that curves agree bit for bit. KILLS=60 tries so many seeded runs, `make soak` does.
 """
 
 import os

@@ -18,7 +18,7 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names
-from rosette_ros.nodes.qos import HEARTBEAT_LOST
+from rosette_ros.nodes.qos import STATUS_LOST
 from rosette_ros.nodes.sequencer import Sequencer
 
 pytestmark = pytest.mark.long
@@ -196,11 +196,11 @@ def test_a_recorder_that_stands_still_while_it_closes_the_log_is_waited_for(cell
                 stopped.append(time.monotonic())
 
         def check():
-            if stopped and time.monotonic() - stopped[0] > 2 * HEARTBEAT_LOST:
+            if stopped and time.monotonic() - stopped[0] > 2 * STATUS_LOST:
                 recorder.popen.send_signal(signal.SIGCONT)
 
         outcome = client.calibrate(on_progress=look, check=check)
-        assert stopped and time.monotonic() - stopped[0] > 2 * HEARTBEAT_LOST
+        assert stopped and time.monotonic() - stopped[0] > 2 * STATUS_LOST
         assert outcome.success, outcome.message
         assert read_log(outcome.log).to_run().size == 36
 

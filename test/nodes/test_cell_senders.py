@@ -265,7 +265,7 @@ def test_a_cell_starts_beside_the_cmm_that_it_is_for(domain_id, make_peer, tmp_p
     cmm = make_peer(domain_id, name=names.CMM)
     status = DiagnosticStatus(name='rosette/cmm', values=[KeyValue(key='process', value='cmm of somebody else')])
     publisher = cmm.node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STATUS)
-    cmm.node.create_timer(qos.HEARTBEAT_PERIOD, lambda: publisher.publish(DiagnosticArray(status=[status])))
+    cmm.node.create_timer(qos.STATUS_PERIOD, lambda: publisher.publish(DiagnosticArray(status=[status])))
     cmm.start()
     others = [name for name in MODULES if name != names.CMM]
     refuse_second_cell(Console(), Cell(domain_id, nodes=others, log_dir=tmp_path))

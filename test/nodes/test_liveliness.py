@@ -112,9 +112,9 @@ def test_a_node_whose_statuses_stay_away_is_disconnected(monkeypatch):
     assert (monitor.is_disconnected, monitor.running()) == (False, 1), 'it may publish none at all'
     watched.publishers = 1
     watched.receive('cmm 1')
-    watched.wait(qos.HEARTBEAT_LATE - 0.1)
+    watched.wait(qos.STATUS_LATE - 0.1)
     assert (monitor.is_disconnected, monitor.is_late) == (False, False)
-    watched.wait(qos.HEARTBEAT_LOST - qos.HEARTBEAT_LATE)
+    watched.wait(qos.STATUS_LOST - qos.STATUS_LATE)
     assert (monitor.is_disconnected, monitor.is_late) == (False, True)
     watched.wait(0.3)
     assert (monitor.is_disconnected, monitor.is_late, monitor.running()) == (True, False, 0)
@@ -138,7 +138,7 @@ def test_statuses_that_wait_for_a_node_that_stood_still_are_not_missed(monkeypat
     watched.receive('cmm 1')
     watched.wait(60.0, step=60.0)
     assert not watched.monitor.is_disconnected
-    assert watched.monitor.silence < qos.HEARTBEAT_LOST
+    assert watched.monitor.silence < qos.STATUS_LOST
     watched.wait(2.0)
     assert watched.monitor.is_disconnected
     watched.wait(20.0)

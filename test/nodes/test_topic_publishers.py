@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rosette_ros.nodes.qos import HEARTBEAT_LOST
+from rosette_ros.nodes.qos import STATUS_LOST
 from rosette_ros.nodes.topic_publishers import TopicPublishers
 
 
@@ -104,7 +104,7 @@ def test_a_restarted_node_is_there_before_its_first_status(clock):
     topic.on_graph, topic.matched, heard = [2], 1, 0
     made.look()
     assert made.found == {bytes([2] * 16)}
-    clock.now += HEARTBEAT_LOST
+    clock.now += STATUS_LOST
     made.watch()
     assert not made.found
     heard = 1
