@@ -157,8 +157,8 @@ class NodeMonitor:
 
     @property
     def is_late(self) -> bool:
-        """Whether a status is overdue of which is not yet known whether it stays away."""
-        return self.count() > 0 and self._waited - max(self._received.values()) > qos.STATUS_LATE
+        """Whether a status is overdue, of any process, of which is not yet known whether it stays away."""
+        return self.count() > 0 and self._waited - min(self._received.values()) > qos.STATUS_LATE
 
     def running(self) -> int:
         """Return how many processes run, those counted that have published no status yet."""

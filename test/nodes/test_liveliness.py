@@ -131,6 +131,19 @@ def test_a_node_whose_statuses_stay_away_is_disconnected(monkeypatch):
     assert monitor.is_disconnected
 
 
+def test_a_node_that_was_replaced_is_late_until_it_is_forgotten(monkeypatch):
+    """What was asked of the one that was killed is not asked again before the run knows that it has ended."""
+    watched = Watched(monkeypatch)
+    watched.publishers = 2
+    watched.receive('cmm 1')
+    watched.wait(qos.STATUS_LATE)
+    watched.receive('cmm 2')
+    watched.wait(0.1)
+    assert watched.monitor.is_late
+    watched.wait(qos.STATUS_LOST - qos.STATUS_LATE)
+    assert not watched.monitor.is_late
+
+
 def test_statuses_that_wait_for_a_node_that_stood_still_are_not_missed(monkeypatch):
     """After a minute of its own calculation, or of sleep of the computer, no other node seems to be disconnected."""
     watched = Watched(monkeypatch)
