@@ -47,13 +47,13 @@ GROUPS = {
         'compare': ('evaluate', 'where a model fails on a run, and by how much of the noise'),
         'budget': ('products', 'the uncertainty budget of a run (GUM), confirmed by Monte Carlo')},
     'improve': {
-        'effects': ('model', 'the library of physical effects, or one of them explained'),
-        'add': ('model', 'add effects to a model file; with --run, the error before and after'),
-        'remove': ('model', 'remove an effect from a model file; with --run, the error before and after'),
+        'effects': ('effects', 'the library of physical effects, or one of them explained'),
+        'add': ('effects', 'add effects to a model file; with --run, the error before and after'),
+        'remove': ('effects', 'remove an effect from a model file; with --run, the error before and after'),
         'correct': ('products', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
         'verify': ('products', 'whether a correction did what it promised, by a run before and one after')},
     'document': {
-        'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
+        'report': ('report', 'a run on three pages: verdict and curves, where the model fails, conditions'),
         'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
         'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check')},
     'archive': {

@@ -232,7 +232,7 @@ class Sequencer(ManagedNode):
         job = self._job
         is_asked = job and (job.is_over or job.opening or job.sequence.phase is Phase.EVALUATION)
         if job and is_asked and self._cell.has_new_recorder(job.processes):
-            self._recorder.give_up('the recorder was restarted, the last answers may not be in the log')
+            self._recorder.give_up('the recorder was restarted')
             job = self._job
         if job is None or job.is_waiting or job.sequence.is_held:
             self._cell.update(now, self.parameters['require_recorder'])

@@ -19,9 +19,6 @@ from rosette_ros.core.records import Floats, Ints, Run, remove_gauge
 DRAWS = 400
 NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
 
-EVEN = 0.9
-"""Share of readings that parts of time and of the sequence have in common, from which on both say the same."""
-
 
 @dataclass(frozen=True, eq=False)
 class Grouping:
@@ -94,11 +91,11 @@ class Comparison:
 
     @property
     def distinct(self) -> tuple[Grouping, ...]:
-        """The groupings; one of time and sequence where both part the readings alike."""
+        """The groupings; one of time and sequence where they differ by a reading at each boundary of parts at most."""
         parts = {label: index for label, index, _ in places(self.fit.run)}
-        if np.mean(parts['time'] == parts['sequence']) < EVEN:
-            return self.groupings
         *others, time, sequence = self.groupings
+        if np.count_nonzero(parts['time'] != parts['sequence']) >= len(time.keys):
+            return self.groupings
         both = [f'{minutes}, readings {numbers}' for minutes, numbers in zip(time.keys, sequence.keys, strict=True)]
         return (*others, replace(time, label='time, sequence', keys=tuple(both)))
 
