@@ -35,8 +35,9 @@ def answered(found: Any) -> Record:
     """Return what a Diagnosis says.
 
     told: for each thing without a name the alternatives of the variables on which it depends; levels: of each thing
-    motion, variables, probability (level 1), and law, law_certain (level 2).
+    motion, variables, probability (level 1), and law, law_certain (level 2); None of a Diagnosis without levels.
     """
+    levels = getattr(found, 'levels', None)
     text = unexplained_words(found.verdict)
     told = [[sorted(one) for one in thing.alternatives] for thing in found.unnamed]
     return {
@@ -49,8 +50,7 @@ def answered(found: Any) -> Record:
             for one in found.explanations],
         'probability_of_nothing': float(found.probability_of_nothing),
         'probability_of_unnamed': float(found.probability_of_unnamed),
-        'levels': [{**one, 'variables': [sorted(some) for some in one['variables']]}
-                   for one in getattr(found, 'levels', ())],
+        'levels': levels and [{**one, 'variables': [*map(sorted, one['variables'])]} for one in levels],
         'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
         'sentence': verdict_text(found.verdict).sentence, 'rms': float(found.final.rms)}
 

@@ -91,7 +91,7 @@ def _levels(new: Records, old: Records) -> str:
         for order in (*CROSSED, 'all'):
             sides = [[one for one in side if one['set'] == name and order in (one['order'], 'all')]
                      for side in (new, old)[:1 + bool(old)]]
-            if any('levels' in one or 'regret' in one for side in sides for one in side):
+            if any(one.get(key) is not None for side in sides for one in side for key in ('levels', 'regret')):
                 rows.append(f'| {name} | {order} | {" | ".join(map(_level_cells, sides))} |')
     heads = [what for one in ('level 1 true', 'certain law wrong', 'known', f'regret above {REGRET:g}')
              for what in (one, '95 %')]
@@ -101,7 +101,7 @@ def _levels(new: Records, old: Records) -> str:
 
 def _level_cells(records: Records) -> str:
     """Return counts of the runs of a set in an order; regret that is not known or negative does not count."""
-    levels = [record['levels'] for record in records if 'levels' in record]
+    levels = [record['levels'] for record in records if record.get('levels') is not None]
     regret = [record['regret'] for record in records if record.get('regret') is not None]
     counts = [(sum(bool(some) and all(one['true'] for one in some) for some in levels), len(levels)),
               (sum(any(one['law_certain'] and one['law_true'] is False for one in some) for some in levels),
@@ -142,7 +142,7 @@ def _calibration(new: Records, old: Records) -> str:
     for what, sets, key in (
             ('all sets', (), 'claims'), ('open world', ('open',), 'claims'), ('level 1, all sets', (), 'levels'),
             ('level 1, open world', ('open', 'crossed'), 'levels'), ('level 1, left out', ('left_out',), 'levels')):
-        sides = [[claim for record in side if not sets or record['set'] in sets for claim in record.get(key, ())
+        sides = [[claim for record in side if not sets or record['set'] in sets for claim in record.get(key) or ()
                   if claim['probability'] is not None] for side in (new, old)[:1 + bool(old)]]
         for low, high in pairwise(BINS):
             inside = [[one for one in side if low <= one['probability'] < high or high == one['probability'] == 1]

@@ -143,7 +143,7 @@ class Trial:
         true = truths(answer['claims'], truth, left)
         for claim, is_true in zip(answer['claims'], true):
             claim['true'] = is_true
-        levels = answer['levels']
+        levels = answer['levels'] or ()
         for level, is_true, law in zip(levels, level_judged(levels, truth), law_judged(levels, truth, left)):
             level.update(true=is_true, law_true=law)
         return {'trial': self.name, 'set': self.set, 'kinds': list(self.kinds), 'strength': self.strength,

@@ -232,6 +232,10 @@ def test_a_diagnosis_is_read_with_its_probabilities():
         explanations=(SimpleNamespace(members=('frame_drift',), noise=('white',), probability=0.9),))
     said_now = answered(new)
     assert said_now['told'] == [[['ball', 'travel']]] and said_now['claims'][0]['probability'] == 0.9
+    assert said_now['levels'] is None
+    new.levels = ({'motion': 'frame along x', 'variables': [{'time', 'ball'}], 'probability': 0.9, 'law': None,
+                   'law_certain': False},)
+    assert answered(new)['levels'] == [{**new.levels[0], 'variables': [['ball', 'time']]}]
     assert said_now['explanations'] == [{'members': ['frame_drift'], 'noise': 'white', 'probability': 0.9}]
 
 
