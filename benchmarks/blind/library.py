@@ -49,10 +49,14 @@ LIBRARY: dict[str, tuple[Names, Variables]] = {
 
 
 def statement(name: str) -> tuple[Names, Variables]:
-    """Return what moves in an effect and all that is true of its variables: a temperature has a course in time."""
+    """Return what moves in an effect and all that is true of its variables.
+
+    A temperature has a course in time; a tilt, turn or growth moves each place otherwise.
+    """
     body, own = LIBRARY[name]
-    times = ({'time' if one == 'temperature' else one for one in some} for some in own)
-    return body, tuple(dict.fromkeys((*own, *map(frozenset, times))))
+    some = (*own, *(one - {'temperature'} | {'time'} for one in own if 'temperature' in one))
+    places = [place for one in body if one not in Z for place in BODIES[one]]
+    return body, tuple(dict.fromkeys((*some, *(one | {place} for place in places for one in some))))
 
 
 def alike(name: str) -> Names:

@@ -72,6 +72,7 @@ def test_the_table_of_the_library_is_complete():
     assert set(BODIES) == {'frame', 'plate', *MOTIONS} and frozenset().union(*BODIES.values()) <= set(VARIABLES)
     assert set(alike('frame_temperature')) == {'frame_temperature_lag'} and alike('table_backlash') == ()
     assert statement('frame_temperature')[1] == said('temperature', 'time')
+    assert statement('plate_tilt_step')[1] == said('time', 'time + ball')
     assert 'plate_expansion_lag' in alike('plate_expansion') and 'plate_expansion_lag' not in alike('plate_soaking')
 
 
