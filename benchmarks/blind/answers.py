@@ -11,6 +11,7 @@ from benchmarks.blind.cause import BODIES, Names, Variables
 from benchmarks.blind.library import statement
 from benchmarks.blind.runs import SIGMA, visible_part
 from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
+from rosette_ros.presentation.json_output import levels_json
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 if TYPE_CHECKING:
@@ -35,9 +36,8 @@ def answered(found: Any) -> Record:
     """Return what a Diagnosis says.
 
     told: for each thing without a name the alternatives of the variables on which it depends; levels: of each thing
-    motion, variables, probability (level 1), and law, law_certain (level 2); None of a Diagnosis without levels.
+    motion, variables, probability (level 1), and law, law_certain (level 2).
     """
-    levels = getattr(found, 'levels', None)
     text = unexplained_words(found.verdict)
     told = [[sorted(one) for one in thing.alternatives] for thing in found.unnamed]
     return {
@@ -50,7 +50,7 @@ def answered(found: Any) -> Record:
             for one in found.explanations],
         'probability_of_nothing': float(found.probability_of_nothing),
         'probability_of_unnamed': float(found.probability_of_unnamed),
-        'levels': levels and [{**one, 'variables': [*map(sorted, one['variables'])]} for one in levels],
+        'levels': levels_json(found.causes),
         'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
         'sentence': verdict_text(found.verdict).sentence, 'rms': float(found.final.rms)}
 
@@ -85,7 +85,7 @@ def _fair(truth: 'Truth', left: float) -> set[str]:
 def law_judged(levels: Iterable[Record], truth: 'Truth', left: float) -> list[bool | None]:
     """Return of each level whether its law is true, as the name of a claim is; None where it has none."""
     return [None if one['law'] is None else bool(truth.readings) if one['law'] == 'outlier'
-            else one['law'] in _fair(truth, left) for one in levels]
+            else {*one['law'].split(' + ')} <= _fair(truth, left) for one in levels]
 
 
 def judged(answer: Record, truth: 'Truth', left: float) -> str:
@@ -135,12 +135,15 @@ def level_judged(levels: Iterable[Record], truth: 'Truth') -> list[bool]:
 
 
 def _agrees(level: Record, body: Names, variables: Variables) -> bool:
-    """Return whether a level states a body and its variables, or the same as a displacement of frame or plate."""
-    moved = level['motion'].partition(' along ')[0]
-    if moved not in body:
-        places = {place for one in body for place in BODIES[one]} if moved in ('frame', 'plate') else ()
-        variables = tuple(one | {place} for one in variables for place in places)
-    return not {*map(_whole, level['variables'])}.isdisjoint(map(_whole, variables))
+    """Return whether a level states a body and its variables, or the same as a displacement of frame or plate.
+
+    A ball that moves is a displacement that depends on the ball."""
+    told = [frozenset(one) | ({'ball'} if 'ball' in level else set()) for one in level['variables']]
+    bodies = {one.partition(' along ')[0] for one in level['motion'].split(' and ')}
+    if bodies.isdisjoint(body):
+        places = {place for one in body for place in BODIES[one]} if bodies <= {'frame', 'plate'} else set()
+        variables = (*(variables if 'ball' in level else ()), *(one | {place} for one in variables for place in places))
+    return not {*map(_whole, told)}.isdisjoint(map(_whole, variables))
 
 
 def _whole(variables: Iterable[str]) -> frozenset[str]:

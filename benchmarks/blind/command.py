@@ -9,12 +9,12 @@ import sys
 import time
 import traceback
 from pathlib import Path
-from typing import Any
 
 from benchmarks.blind.answers import Record
+from benchmarks.blind.regret import regret
 from benchmarks.blind.table import table
 from benchmarks.blind.trial import CAUSES, SETS, NotShown, Trial, trials
-from rosette_ros.analysis import diagnose
+from rosette_ros.core.diagnosis.diagnosis import diagnose
 
 BEGIN, END = '<!-- table of the blind tests -->', '<!-- end of the table -->'
 """What stands before and after the table in a page."""
@@ -44,12 +44,12 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 
 def work(trial: Trial) -> Record:
     """Return the record of one run; one that fails is told, one that shows nothing skipped."""
-    less: dict[str, Any] = {'without': (trial.left_out,)} if trial.left_out else {}
     try:
         run, truth = trial.run()
         began = time.perf_counter()
-        found = diagnose(run, **less)
-        return {**trial.judge(found, truth), 'seconds': time.perf_counter() - began}
+        found = diagnose(run, without=trial.left_out)
+        seconds = time.perf_counter() - began
+        return {**trial.judge(found, truth), 'regret': regret(run, truth.hidden), 'seconds': seconds}
     except NotShown as why:
         return {'trial': trial.name, 'skipped': str(why)}
     except Exception:
