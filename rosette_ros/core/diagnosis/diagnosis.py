@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, families_of, why_not_judged
+from rosette_ros.core.diagnosis.bank import Bank, families_of, why_not_judged
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation, WithoutBlocks
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
@@ -26,7 +26,7 @@ from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE

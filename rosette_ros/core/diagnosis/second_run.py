@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, CauseFamily, columns_of
+from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
@@ -21,7 +21,7 @@ from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, kinds_beside
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.visibility import DETECTABLE
 from rosette_ros.core.records import Floats, Run
