@@ -137,8 +137,7 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
         'pairs': plan_plots.pairs_in_order(run),
         **({} if run.is_complete else {'uncertainty': plan_plots.uncertainty_by_share(run.n, [_point(run)])}),
         'visibility': _visibility(summary),
-        **({'touch_residuals': touch_plots.touch_residuals(refit),
-            'touch_directions': touch_plots.touch_directions(refit)} if refit else {})}
+        **({'touch_residuals': touch_plots.touch_residuals(refit)} if refit else {})}
 
 
 def _differences(motions: ErrorMotions, overlays: Sequence[Series]) -> list[Series]:
