@@ -171,13 +171,14 @@ def add_formats(parser: argparse.ArgumentParser, csv: str) -> argparse._Mutually
 
 def load(module: str, what: str) -> ModuleType:
     """Import what only some commands need; raise UsageError for `what`, naming the package, where one is missing."""
+    os.environ['MATPLOTLIBRC'] = os.devnull  # matplotlib cannot be imported where it cannot read that of the user
     try:
         return importlib.import_module(module)
     except RosetteError:
         raise
     except Exception as error:
         package = (getattr(error, 'name', None) or '').partition('.')[0]
-        file = traceback.extract_tb(error.__traceback__)[-1].filename
+        file = [one.filename for one in traceback.extract_tb(error.__traceback__) if os.path.isfile(one.filename)][-1]
         is_ours = package in ('', 'rosette_ros') and Path(file).is_relative_to(Path(__file__).parents[1])
         if is_ours or package == 'rosette_ros':
             raise
