@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a CMM's node does wrong is found from its answers, and said in the verdict."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,15 @@ def test_a_mistake_is_named(mistake):
     assert verdict.level != Level.GOOD
 
 
+@pytest.mark.parametrize('unmeasured', [lambda *_: 0.0, lambda target, one: one.temperature * (target.seq > 30)])
+def test_a_temperature_that_was_not_measured_is_a_doubt(unmeasured):
+    """A field that no node sets is 0; so is what a thermometer gives before it is there."""
+    verdict = judge(measured(temperature=unmeasured).to_run())
+    [words] = verdict.remarks
+    assert re.match(r'the temperature is 0 °C in \d+ of 36 readings; was it measured\? ', words)
+    assert verdict.level != Level.GOOD
+
+
 def test_a_model_that_fits_doubtful_readings_is_an_outcome():
     """A zero travel changes no curve: the model fits, but the verdict is not good."""
     run = measured(table_travel=lambda _, answer: 0.0).to_run()
@@ -119,7 +130,11 @@ def test_a_table_is_checked_too():
     [remark] = parse_csv(format_csv(run.replace(time=np.zeros(run.size))).encode()).remarks
     assert remark.startswith('the time is the same in all 36 readings')
     for changed, words in (({'time': run.time / 3600}, 's apart, quicker than a CMM measures; is time_s in hours'),
-                           ({'temperature': 32 + 1.8 * run.temperature}, 'is temperature_C in °F or K? give °C'),
+                           ({'temperature': 32 + 1.8 * run.temperature}, '°C; is it in °F or K? give °C'),
+                           ({'temperature': run.temperature + 273.15}, 'the temperature is 293.'),
+                           ({'temperature': np.zeros(run.size)}, 'the temperature is 0 °C in 36 of 36 readings; was it '
+                            'measured? Leave it empty (in messages NaN) where it was not'),
+                           ({'temperature': np.where(np.arange(run.size) < 1, 0, run.temperature)}, '0 °C in 1 of 36'),
                            ({'repeatability': 2e-3}, 'the stated repeatability is 2000 µm; is it in mm or m? give µm'),
                            ({'repeatability': 1e-13}, 'repeatability is 0.000000100 µm; is it in mm or m? give µm')):
         assert any(words in one for one in parse_csv(format_csv(run.replace(**changed)).encode()).remarks), words
