@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import Run
@@ -15,6 +17,7 @@ from rosette_ros.io.ball_centre_table import read_csv, read_with_plate
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.log_reader import MAGIC, read_log
 from rosette_ros.io.log_run import LogRun
+from rosette_ros.io.reading_checks import is_in_seconds
 from rosette_ros.io.text_file import reading
 
 WANTED = 'a log directory, an .mcap file or a CSV table'
@@ -119,4 +122,5 @@ def _open(path: str | Path, run_id: str | None) -> tuple[Run, LogRun | None]:
     run = read_csv(path)
     if run_id not in (None, run.run_id):
         raise InvalidData(f'{path}: wanted run {run_id!r}, got {run.run_id!r}')
-    return run, None
+    # times in an unknown unit are none; a copy of the table keeps them
+    return run if is_in_seconds(run.time) else run.replace(time=np.zeros(run.size)), None

@@ -77,15 +77,26 @@ def remarks_on_table(run: Run, step: float, is_timed: bool) -> tuple[str, ...]:
     return (*filter(None, found), *_remarks_on_units(run, is_timed), *remarks_on_run(run))
 
 
+def is_in_seconds(time: Floats) -> bool:
+    """Return whether readings follow each other as those of a CMM do, or all at one time."""
+    step = _pace(time)
+    return not step or PACES[0] <= step <= PACES[1]
+
+
+def _pace(time: Floats) -> float:
+    """Return the time from one reading to the next, median, s."""
+    return float(np.median(np.diff(time))) if time.size > 1 else 0.0
+
+
 def _remarks_on_units(run: Run, is_timed: bool) -> tuple[str, ...]:
     """Return which quantities of a table cannot be in the unit of their column, in words."""
     found = []
-    step = float(np.median(np.diff(run.time))) if run.size > 1 and is_timed else 0.0
-    if step and not PACES[0] <= step <= PACES[1]:
+    if is_timed and not is_in_seconds(run.time):
+        step = _pace(run.time)
         unit = min(_TIMES, key=lambda unit: abs(np.log(step * _TIMES[unit] / USUAL_PACE)))
         found.append(f'ball centres are {significant(step, 2)} s apart, {"quicker" if step < 1 else "slower"} than a '
                      f'CMM measures; is time_s in {unit}, which would be {significant(step * _TIMES[unit], 2)} s? give '
-                     'seconds')
+                     'seconds; until then effects in time cannot be found')
     if not RADII[0] <= run.radius <= RADII[1]:
         likely = [f'{unit} (R = {1e3 * run.radius * factor:.6g} mm)' for unit, factor in _LENGTHS.items()
                   if 0.05 <= run.radius * factor <= 1]

@@ -2,17 +2,21 @@
 """What a CMM's node does wrong is found from its answers, and said in the verdict."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
 
 from rosette_ros.analysis import judge
 from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.core.diagnosis.diagnosis import diagnose
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.records import resolution_of
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
+from rosette_ros.io.open_run import open_run
 from rosette_ros.io.reading_checks import check_answers
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.simulation import Machine, MachineConfig
@@ -97,6 +101,25 @@ def test_a_temperature_that_was_not_measured_is_a_doubt(unmeasured):
     [words] = verdict.remarks
     assert re.match(r'the temperature is 0 °C in \d+ of 36 readings; was it measured\? ', words)
     assert verdict.level != Level.GOOD
+
+
+@pytest.mark.parametrize(('factor', 'unit'), [(1e9, 'ns'), (1e6, 'µs'), (1e3, 'ms'), (1 / 3600, 'hours')])
+def test_a_time_in_another_unit_says_nothing_of_effects_in_time(tmp_path, factor, unit):
+    """A warm-up is found as what moves with the number of readings, without a time constant of a million years."""
+    warm = {'kind': 'frame_warmup', 'amplitude_um': [1.6, 1.0, -0.7], 'time_constant_h': 0.1}
+    run = Machine(MachineConfig().changed(seed=2, plate={'balls': N}, hidden=[warm])).run(plan(N, 'sensitive'))
+    (tmp_path / 'table.csv').write_text(format_csv(run.replace(time=1e4 + factor * run.time)))
+    table = open_run(tmp_path / 'table.csv')
+    [words] = table.remarks
+    assert f'is time_s in {unit}, which would be 3' in words
+    assert words.endswith(' s? give seconds; until then effects in time cannot be found')
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        found = diagnose(table)
+    assert found.verdict.level != Level.GOOD
+    assert not any('time' in EFFECTS[name].variables for name in found.missing)
+    text = verdict_text(found.verdict)
+    assert not re.search(r'\d (min|h)\b', f'{text.sentence} {text.action}')
 
 
 def test_a_model_that_fits_doubtful_readings_is_an_outcome():
