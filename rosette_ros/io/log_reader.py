@@ -318,30 +318,19 @@ def _uncompressed(data: bytes, compression: str, size: int) -> bytes:
 
 
 def find_files(path: str | Path) -> bag.BagListing:
-    """Return the BagListing of a log; files in a folder whose names are not those of rosbag2 are one by what they hold.
-
-    Raises InvalidData as bag_metadata.find_files."""
-    with reading(path, 'a log'):
-        is_named = not Path(path).is_dir() or bag.holds_log(Path(path))
-        parts = () if is_named else _parts_of_run(bag.files_in(Path(path)))
-    return bag.BagListing(parts) if parts else bag.find_files(path)
-
-
-def _parts_of_run(files: Iterable[Path]) -> tuple[Path, ...]:
-    """Return files in the order of their messages where they are of one run and follow each other, else none."""
-    logs, names = list[LogRun](), set[str]()
-    for file in files:
-        try:
-            log = read_log(file)
-        except InvalidData:
-            return ()
-        logs.append(log)
-        names |= {*log.runs, *(state.run_id for state in log.states)}
-        if len(names) != 1:
-            return ()
-    logs.sort(key=lambda log: log.start_ns)
-    follow = all(before.end_ns <= after.start_ns for before, after in pairwise(logs))
-    return tuple(log.path for log in logs) if follow else ()
+    """Return the BagListing of a log; raises as bag_metadata.find_files. Files whose names do not make them one log
+    are one where they are of one run and follow each other."""
+    logs, runs = list[LogRun](), set[str]()
+    with reading(path, 'a log'), contextlib.suppress(InvalidData):
+        for file in bag.files_in(Path(path)) if Path(path).is_dir() and not bag.holds_log(Path(path)) else ():
+            logs.append(read_log(file))
+            runs |= {*logs[-1].runs, *(state.run_id for state in logs[-1].states)}
+            if len(runs) != 1:
+                break
+        logs.sort(key=lambda log: log.start_ns)
+        if len(runs) == 1 and all(before.end_ns <= after.start_ns for before, after in pairwise(logs)):
+            return bag.BagListing(tuple(log.path for log in logs))
+    return bag.find_files(path)
 
 
 def open_files(listing: bag.BagListing, within: float = math.inf) -> list[LogFile]:
@@ -393,8 +382,7 @@ def read_log(path: str | Path) -> LogRun:
     log.start_ns, log.end_ns = bag.span(file.summary for file in files)
     log.truncated = any(file.truncated for file in files)
     log.problems = (*problems, *(problem for file in files for problem in file.problems))
-    found = (listing.custom_data, *(file.custom_data for file in reversed(files)))
-    log.custom_data = next(filter(None, found), {})
+    log.custom_data = next(filter(None, (listing.custom_data, *(file.custom_data for file in reversed(files)))), {})
     return log
 
 
