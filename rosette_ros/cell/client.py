@@ -32,7 +32,7 @@ from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals, make_executor
-from rosette_ros.nodes.environment import check_domain
+from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import RESTART, NodeMonitors, started
 from rosette_ros.nodes.topic_publishers import TopicPublishers
@@ -70,7 +70,7 @@ class GraphClient:
     def __init__(self, name: str, domain_id: int | None, namespace: str,
                  make_executor: Callable[..., Executor] = SingleThreadedExecutor, **settings: Any) -> None:
         check_messages()
-        check_domain(domain_id)
+        check_environment(domain_id)
         os.environ.update(added_environment(os.environ))
         self._where, self._context = f'/{namespace.strip("/")}', Context()
         try:

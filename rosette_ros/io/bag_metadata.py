@@ -275,13 +275,13 @@ def read_bag_metadata(path: Path) -> BagListing:
     data = read_limited(path, 'a log description', MAX_BYTES)
     try:
         bag = load_plain(data.decode())[TOP_KEY]
-        storage, names = bag['storage_identifier'], bag['relative_file_paths']
+        storage, names = bag.get('storage_identifier') or 'mcap', bag['relative_file_paths']  # else what the files are
         custom_data = _custom_data(bag)
         messages = {path.parent / entry['path'].removesuffix('.zstd'): int(entry['message_count'])
                     for entry in bag.get('files') or ()}
     except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
-            f'{path}: wanted a rosbag2 description with {TOP_KEY}, storage_identifier and relative_file_paths, got '
+            f'{path}: wanted a rosbag2 description with {TOP_KEY} and relative_file_paths, got '
             f'{type(error).__name__}; give the .mcap file itself, or delete metadata.yaml') from error
     if storage != 'mcap':
         raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; convert the log with '

@@ -17,7 +17,7 @@ from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
 from rosette_ros.io import messages
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Answer, Phase, TableFrame, Target
-from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_radius
+from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_run
 
 MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
 MAX_BALLS = 10_000  # more balls than this are taken for a mistake
@@ -334,7 +334,7 @@ class RunAnswers:
             rotation=rotation, repeatability_axes=repeated, table_offset=offset,
             notes=note_on_offset(offset),
             repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
-        return run.replace(remarks=self.remarks + remarks_on_radius(run))
+        return run.replace(remarks=self.remarks + remarks_on_run(run))
 
     def _way(self, targets: Sequence[Target], rotation: Floats | None) -> dict[str, Any]:
         """Return the senses of the CMM at targets from all that it was sent to, answered or not.

@@ -4,16 +4,25 @@
 import contextlib
 import errno
 import os
+import re
 import secrets
 import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from urllib.parse import unquote
 
 from rosette_ros.core.errors import InvalidData, RosetteError
 
 EXISTS = 'exists already; take another name or use --force'
 READ_IN_FOLDERS = ('*.mcap', 'metadata.yaml', 'rosette-archive.json', '*/*.parquet')
 """What is read of a log and of an archive."""
+_ADDRESS = re.compile(r'(file|local):(//(localhost)?(?=/)|(?=/(?!/)))')
+
+
+def path_of(text: str) -> str:
+    """Return the path on this computer that a text means: a file:/// address is decoded, `~/` is the user's home."""
+    found = _ADDRESS.match(text)
+    return unquote(text[found.end():]) if found else os.path.expanduser(text) if f'{text}/'.startswith('~/') else text
 
 
 @contextlib.contextmanager

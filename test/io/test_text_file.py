@@ -21,7 +21,7 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter, whole_log
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.run_to_log import write_log
-from rosette_ros.io.text_file import give_name, write_text
+from rosette_ros.io.text_file import give_name, path_of, write_text
 from rosette_ros.presentation.plots.plot_style import save
 
 TABLE = Path(__file__).parents[1] / 'golden' / 'tables' / 'table_clean_n6_row.csv'
@@ -31,6 +31,15 @@ COMMAND = 'import sys; from rosette_ros.cli.main import main; sys.exit(main())'
 def content(folder):
     """Return the bytes of every file in a folder by its name."""
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.mark.parametrize(('text', 'path'), [
+    ('file:///a/sp%20dir/x.csv', '/a/sp dir/x.csv'), ('file://localhost/%C3%B6', '/ö'), ('file:/a%2Bb', '/a+b'),
+    ('~/a%20b', '/home/me/a%20b'), ('a%20b', 'a%20b'), ('file://nas/a%20b', 'file://nas/a%20b'), ('~me', '~me')])
+def test_an_address_is_decoded(monkeypatch, text, path):
+    """What a file manager copies is one; a path is none, and stays as it is."""
+    monkeypatch.setenv('HOME', '/home/me')
+    assert path_of(text) == path
 
 
 def test_a_replaced_file_keeps_its_mode_and_the_link_to_it(tmp_path):

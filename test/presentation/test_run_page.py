@@ -23,7 +23,7 @@ pytestmark = pytest.mark.long
 ORDER = ['verdict', 'curves', 'fails', 'seen', 'measured', 'uncertainty', 'unknown', 'values', 'deviations',
          'residuals', 'ladder', 'candidates', 'visibility', 'conditions']
 FIGURES = ['curves', 'residual_maps', 'polar', 'budget', 'deviations', 'residuals_against', 'histogram', 'noise',
-           'spectrum', 'ladder', 'candidates', 'shapes', 'pairs', 'visibility']
+           'ladder', 'candidates', 'shapes', 'pairs', 'visibility']
 
 
 def renamed(summary, run_id):
