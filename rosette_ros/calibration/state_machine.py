@@ -20,6 +20,7 @@ from rosette_ros.io.run_assembly import RunAnswers
 
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
+KEPT, NOTHING, CONTINUE = 'what was measured is in', 'nothing was measured', 'continue with: '
 PAUSE = 'the plan has a pause here, resume the run after it'
 
 
@@ -368,7 +369,7 @@ class Sequence:
         reason = self._why_not_skipped(target)
         if reason is not None:
             return self._finish(Phase.FAILED, f'{words}; {reason}'
-                                f'{"what was measured is in the log" if self.done else "nothing was measured"}')
+                                f'{f"{KEPT} the log" if self.done else NOTHING}')
         self.skipped.append(target)
         self._asked, self._skipped_last = None, True
         return (Remark(f'{words}; left out, {len(self.skipped)} of at most {self.limits.skips}'), *self._next(now))
