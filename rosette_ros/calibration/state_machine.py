@@ -3,6 +3,7 @@
 
 Whoever drives it passes the time (steady, s) and carries out the commands that each step returns."""
 
+import shlex
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -97,6 +98,13 @@ class Finish:
 
 Command = Ask | Locate | PublishState | PublishRun | Verify | Remark | Finish
 Commands = tuple[Command, ...]
+
+
+def with_advice(words: str, log: str, where: Collection[str]) -> str:
+    """Return how a run ended and how to continue it; log: '' where nothing is in it; where: options of its cell."""
+    words = words.removesuffix(f'; {KEPT} the log').removesuffix(f'; {NOTHING}')
+    more = shlex.join(['rosette', 'calibrate', '--resume', log, *where])
+    return f'{words}; {KEPT} {log}; {CONTINUE}{more}' if log else f'{words}; {NOTHING}'
 
 
 def complaint(answer: Answer, target: Target, limits: Limits, frames: Collection[str] = FRAMES) -> str:

@@ -62,8 +62,7 @@ class RunAnswers:
         if before is None or _when_asked(target) >= _when_asked(before):
             self._last[seq] = target
             for name, answered in self._answered_in.items():
-                answered.discard(seq)
-                answered.update(seq for answer in self._usable(seq, (name,)))
+                (answered.add if self._usable(seq, (name,)) else answered.discard)(seq)
 
     def add_answer(self, answer: Answer) -> None:
         """Take an answer of this run."""
@@ -82,8 +81,7 @@ class RunAnswers:
     @property
     def in_frames(self) -> tuple[str, ...]:
         """The frame in which answers count, that of most, the machine's of two alike; both before the first."""
-        counts = self._answers_in
-        return (max(FRAMES, key=lambda name: counts[name]),) if any(counts.values()) else FRAMES
+        return (max(FRAMES, key=self._answers_in.__getitem__),) if any(self._answers_in.values()) else FRAMES
 
     @property
     def _answered(self) -> set[int]:
@@ -98,8 +96,7 @@ class RunAnswers:
             return False
         counts = self.answer_to(answer.seq)
         is_counted = counts is not None and counts.stamp_ns >= target.stamp_ns
-        return is_counted or answer.stamp_ns < target.stamp_ns or not (
-            answer.frame in self.in_frames and answer.is_usable_for(target))
+        return is_counted or answer.stamp_ns < target.stamp_ns or not answer.is_usable_for(target)
 
     def keys(self) -> tuple[set[tuple[int, int, int]], set[tuple[int, int]]]:
         """Return (seq, session, attempt) of all targets, (seq, stamp_ns) of all answers."""

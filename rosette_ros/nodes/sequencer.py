@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sequencer: runs calibrations, asks the CMM for one ball after the other."""
 
-import shlex
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -20,9 +19,6 @@ from tf2_msgs.msg import TFMessage
 from rosette_ros.calibration.goal import Job, Request, make_job
 from rosette_ros.calibration.settings import IDENTITY, LIMITS, PLANNED, RESUME, Wanted, goal_changes
 from rosette_ros.calibration.state_machine import (
-    CONTINUE,
-    KEPT,
-    NOTHING,
     Ask,
     Command,
     Finish,
@@ -32,6 +28,7 @@ from rosette_ros.calibration.state_machine import (
     Remark,
     Results,
     Verify,
+    with_advice,
 )
 from rosette_ros.core.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, answer_of, nanoseconds
@@ -141,7 +138,7 @@ class Sequencer(ManagedNode):
             job = self._make_job(request, recalled)
         except RosetteError as error:
             words = plain(str(error), most=2000)
-            self.get_logger().warning(f'{request.origin} refused: {words}')
+            self.get_logger().error(f'{request.origin} refused: {words}')
             for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.REJECTED):
                 self._publish_event(request, kind, words)
             return False, words
@@ -403,16 +400,12 @@ class Sequencer(ManagedNode):
         self._last_level = OK if succeeded or (sequence.phase is Phase.CANCELLED and response.success) else ERROR
         log = response.log or job.log
         if not succeeded:
-            words = words.removesuffix(f'; {KEPT} the log').removesuffix(f'; {NOTHING}') + (
-                f'; {KEPT} {log}; {CONTINUE}{self._resume_command(log)}' if log and sequence.done else f'; {NOTHING}')
+            where = names.where(self.context.get_domain_id(), self.get_namespace())
+            words = with_advice(words, log if sequence.done else '', where)
         if job.goal is not None:
             self._action.send_result(job.goal, Calibrate.Result(
                 success=succeeded, message=words, run_id=job.run_id, error_motions=job.motions or ErrorMotions(),
                 log=log, joint_evaluation=job.joint_evaluation or JointEvaluation()))
-
-    def _resume_command(self, log: str) -> str:
-        where = names.where(self.context.get_domain_id(), self.get_namespace())
-        return shlex.join(['rosette', 'calibrate', '--resume', log, *where])
 
     def finish(self) -> None:
         """End a running calibration in good order."""
