@@ -34,7 +34,7 @@ from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io import log_run
 from rosette_ros.io.log_run import RECORDS, TF_MESSAGE, LogRun
 from rosette_ros.io.safe_yaml import BAD_VALUE
-from rosette_ros.io.text_file import reading
+from rosette_ros.io.text_file import reading, regular
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD = 1 << 25  # larger records and chunks are not read, bytes
@@ -159,7 +159,7 @@ class LogFile:
         """Yield the messages of the wanted channels; all are counted.
 
         Raises InvalidData where it is no MCAP file, or states another profile than ros2."""
-        with reading(self.path, 'a log'), open(self.path, 'rb', buffering=0) as raw:
+        with reading(self.path, 'a log'), open(self.path, 'rb', 0, opener=regular) as raw:
             stream = _Bounded(raw, 1 << 20)
             for record in self._records(stream):
                 for one in self._in_chunk(record, stream) if isinstance(record, Chunk) else (record,):

@@ -28,6 +28,40 @@ TABLE = Path(__file__).parents[1] / 'golden' / 'tables' / 'table_clean_n6_row.cs
 COMMAND = 'import sys; from rosette_ros.cli.main import main; sys.exit(main())'
 
 
+READERS = '''
+import sys
+from pathlib import Path
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.dme.stop_mark import StopMark
+from rosette_ros.io import budget_file, identity_file, log_reader, model_file, plan_file, plate_file
+from rosette_ros.presentation.report import provenance, verification
+from rosette_ros.simulation import envelope
+from rosette_ros.simulation.machine import load_machine
+
+path, settings = Path(sys.argv[1]), Path(sys.argv[1]).with_name('cmm.yaml')
+settings.with_name('cmm.yaml.stopped').symlink_to(path)
+for read in (budget_file.read_budget, identity_file.read_identity, model_file.read_model, plan_file.read_plan,
+             plate_file.read_plate, provenance.digest, verification.read_maker, envelope.open_envelope, load_machine,
+             log_reader.read_log):
+    try:
+        print(read.__name__, read(path))
+    except RosetteError as error:
+        print(error)
+print(StopMark(settings).read())
+'''
+
+
+@pytest.mark.parametrize('kind', ['pipe', 'device'])
+def test_nothing_waits_for_a_pipe(tmp_path, kind):
+    """In the place of a file of settings, a table, a log: refused at once, in a line each."""
+    path = tmp_path / 'given.yaml'
+    os.mkfifo(path) if kind == 'pipe' else path.symlink_to('/dev/zero')
+    done = subprocess.run([sys.executable, '-c', READERS, path], capture_output=True, text=True, timeout=120, check=True)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 11
+    assert all('a device or a pipe' in one for one in lines), done.stdout
+
+
 def content(folder):
     """Return the bytes of every file in a folder by its name."""
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
