@@ -154,7 +154,7 @@ def _outcome(verdict: Verdict) -> list[str]:
     basis = [] if before.repeatability is not None else [
         'The repeatability is not known, so this rests on the structure of the residual alone.']
     match verdict.outcome:
-        case Outcome.NAMED | Outcome.SUSPECTED if verdict.missing:
+        case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED if verdict.missing:
             it = 'it' if len(verdict.missing) == 1 else 'them'
             known = '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})'
             what = capital('; '.join(dict.fromkeys(map(missing_words, verdict.missing))))
@@ -254,7 +254,7 @@ def _actions(verdict: Verdict) -> list[str]:
     if verdict.missing:
         it = 'it' if len(verdict.missing) == 1 else 'them'
         out.append(f'find {it} in the cell, or add {it} to the model')
-    elif verdict.outcome == Outcome.UNNAMED:
+    elif verdict.unnamed:
         out.append('look at the residual maps, and check the cell for what the residual depends on')
     elif verdict.outcome == Outcome.SCATTERS:
         out.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
