@@ -279,12 +279,14 @@ def _actions(verdict: Verdict) -> list[str]:
 
 def _limits(verdict: Verdict) -> list[str]:
     """Return what the run cannot tell, a sentence each."""
-    out = []
+    out: list[str] = []
     for one in verdict.missing:
         said = {name for law, _ in one.cause.laws for name in law} if one.cause else set()
-        others = [f'{title_of(name)} ({chance(p)})' for name, p in one.alternatives if name not in said]
+        others = [other for name, p in one.alternatives
+                  if name not in said and (other := f'{title_of(name)} ({chance(p)})') not in missing_words(one)]
         if others:
             out.append(f'This run cannot tell {title_of(one.name)} from {" or ".join(others)}.')
+    out = [*dict.fromkeys(out)]
     if verdict.hidden:
         out.append(f'This run could not have shown {some_titles(verdict.hidden)}.')
     return out
