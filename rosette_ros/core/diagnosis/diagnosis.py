@@ -368,7 +368,8 @@ class RunSearch:
         return self._final.effects[len(self.base.settings):]
 
     def _unnamed(self) -> tuple[Unnamed, ...]:
-        return tuple(Unnamed(cause.alternatives, one.setting.word('along'), one.setting, cause.probability)
+        return tuple(Unnamed(tuple(some | {'ball'} if cause.number('ball') else some for some in cause.alternatives),
+                             one.setting.word('along'), one.setting, cause.probability)
                      for one in self._without_name for cause in (self._cause_of(one),))
 
     def _invisible(self, missing: Sequence[str]) -> tuple[str, ...]:
