@@ -139,7 +139,7 @@ def _agrees(level: Record, body: Names, variables: Variables) -> bool:
 
     A ball that moves is a displacement that depends on the ball."""
     told = [frozenset(one) | ({'ball'} if 'ball' in level else set()) for one in level['variables']]
-    bodies = {one.partition(' along ')[0] for one in level['motion'].split(' and ')}
+    bodies = {one.partition(' along ')[0] for one in level.get('motions', [level['motion']])}
     if bodies.isdisjoint(body):
         places = {place for one in body for place in BODIES[one]} if bodies <= {'frame', 'plate'} else set()
         variables = (*(variables if 'ball' in level else ()), *(one | {place} for one in variables for place in places))

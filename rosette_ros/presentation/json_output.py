@@ -173,7 +173,7 @@ def levels_json(causes: Sequence[Cause]) -> list[Json]:
     for one in causes:
         numbers = {what: number for what in ('ball', 'reading') if (number := one.number(what)) is not None}
         out.append({
-            'motion': ' and '.join(sorted(one.bodies)), 'variables': [sorted(some) for some in one.alternatives],
+            'motion': one.bodies[0], 'motions': one.bodies, 'variables': [sorted(some) for some in one.alternatives],
             'probability': one.probability, 'law': ' + '.join(one.names) or None,
             'law_probability': one.law_probability, 'law_certain': one.law_certain,
             'laws': [{'effect': ' + '.join(law) or None, 'probability': p} for law, p in one.laws], **numbers})

@@ -20,10 +20,11 @@ from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, kinds_beside
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
-from rosette_ros.core.diagnosis.posterior import CLAIM, Cause, Claim, Posterior, motion_of
+from rosette_ros.core.diagnosis.posterior import CLAIM, STANDS, Cause, Claim, Posterior, course_of, motion_of
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.free import moving_bodies
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
@@ -269,9 +270,29 @@ class RunSearch:
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What the members of the best hypothesis say moves with what, the likeliest first."""
-        found = self.posterior.causes(self.run, self.chosen.places)
+        motions = {one.place: replace(motion_of(self.run, one.place), alike=self._moving_alike(place))
+                   for place, one in enumerate(self.chosen.members)}
+        found = self.posterior.causes(self.run, motions)
         return tuple(sorted((replace(one, law_certain=self._is_certain(one)) for one in found),
                             key=lambda one: -one.probability))
+
+    def _moving_alike(self, place: int) -> frozenset[str]:
+        """Return the bodies whose motion by the course of a member describes what the readings show of it."""
+        member, state = self.chosen.members[place], self.chosen
+        course = course_of(self.run, member.place)
+        if course is None:
+            return frozenset()
+        own = slice(*state.ends[place:place + 2])
+        shown = (state.inverse @ state.product)[own] @ member.rows
+        out = set()
+        for body, directions in moving_bodies(self.run).items():
+            columns = (course[:, None, :, None] * directions).reshape(-1, *directions.shape[1:])
+            rows = self.evidence.space.residual(columns).reshape(len(columns), -1)
+            basis = np.linalg.svd(rows, full_matrices=False)[2][:np.linalg.matrix_rank(rows)]
+            left = shown - (shown @ basis.T) @ basis
+            if 1 - float(left @ left) / max(float(shown @ shown), 1e-300) > STANDS:
+                out.add(body)
+        return frozenset(out)
 
     def _is_certain(self, cause: Cause) -> bool:
         """Return whether no other law of the motions of a cause is near its own by likelihood."""

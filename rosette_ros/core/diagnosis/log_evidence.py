@@ -237,12 +237,12 @@ class Evidence:
 
 
 class State:
-    """A set of members and its log evidence."""
+    """A set of members and its log evidence; ends: where the rows of each begin, and end, among those of all."""
 
     def __init__(self, evidence: Evidence, members: Sequence[Member]) -> None:
         self.evidence = evidence
         rows = [one.rows for one in members]
-        self._ends = np.cumsum([0, *map(len, rows)])
+        self.ends = np.cumsum([0, *map(len, rows)])
         self.rows = np.concatenate([np.zeros((0, evidence.y.size)), *rows])
         self._gram, self.product = self.rows @ self.rows.T, self.rows @ evidence.y
         sizes = np.array([one.size for one in members])
@@ -266,7 +266,7 @@ class State:
         """Return R with R R' = (G + 1/tau^2)^-1 of some members, 0 for the others, and ln det(1 + tau G tau)."""
         size = np.zeros(len(self.product))
         for k in which:
-            size[self._ends[k]:self._ends[k + 1]] = sizes[k]
+            size[self.ends[k]:self.ends[k + 1]] = sizes[k]
         if not size.any():
             return np.zeros_like(self._gram), 0.0
         value, vector = np.linalg.eigh(size[:, None] * self._gram * size)
@@ -277,7 +277,7 @@ class State:
         """Return the log Bayes factor of a member beside the others for each of SIZES."""
         root, _ = self._root([j for j in range(len(sizes)) if j != k], sizes)
         inverse = root @ root.T
-        own = slice(self._ends[k], self._ends[k + 1])
+        own = slice(self.ends[k], self.ends[k + 1])
         across = self._gram[own] @ inverse
         left = self.evidence.total - float(self.product @ inverse @ self.product)
         return np.asarray(of_sizes((self._gram[own, own] - across @ self._gram[:, own])[None],

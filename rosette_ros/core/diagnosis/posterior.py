@@ -11,8 +11,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.verdict import SURE
-from rosette_ros.core.effects.effect import PhysicalEffect
-from rosette_ros.core.effects.free import PLACES, variables
+from rosette_ros.core.effects.free import FREE, PLACES, variables
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.records import Floats, Run
 
@@ -54,7 +53,8 @@ class Claim:
 class Cause:
     """What moves with what, as far as the run tells.
 
-    places: members of the best hypothesis; bodies: what moves, 'frame', 'plate growing', 'ball 7', 'reading 48' ...;
+    places: members of the best hypothesis; bodies: what moves, 'frame', 'plate growing', 'ball 7', 'reading 48' ...,
+    then what moves the balls alike here;
     variables: with what, for each variable the set of those that stand for it in this order, itself first; probability:
     that one of these bodies moves with these variables, by any law; laws: sets of names that do it, likeliest first,
     empty without a name, each with the probability that it is this; law_certain: whether that of the best hypothesis is
@@ -62,7 +62,7 @@ class Cause:
     """
 
     places: tuple[Place, ...] = field(compare=False)  # families belong to one search
-    bodies: frozenset[str]
+    bodies: tuple[str, ...]
     variables: tuple[tuple[str, ...], ...]
     probability: float
     laws: tuple[tuple[tuple[str, ...], float], ...]
@@ -119,16 +119,19 @@ def _share(values: Floats, basis: Floats) -> float:
 
 
 @dataclass(frozen=True)
-class _Motion:
-    """What a member says: bodies that move, its variables, and for each those that stand for it in a run."""
+class MotionOf:
+    """What a member says: bodies that move, its variables, and for each those that stand for it in a run.
+
+    alike: bodies that move the balls alike by the same course."""
 
     bodies: frozenset[str]
     own: frozenset[str]
     standing: Mapping[str, frozenset[str]]
+    alike: frozenset[str] = frozenset()
 
-    def agrees(self, other: '_Motion') -> bool:
+    def agrees(self, other: 'MotionOf') -> bool:
         """Return whether both say that one of the same bodies moves with something that may be the same."""
-        return not self.bodies.isdisjoint(other.bodies) and not (
+        return not (self.bodies | self.alike).isdisjoint(other.bodies | other.alike) and not (
             self.may_be.isdisjoint(other.own) and other.may_be.isdisjoint(self.own))
 
     @property
@@ -137,21 +140,29 @@ class _Motion:
         return self.own.union(*self.standing.values())
 
 
+def course_of(run: Run, place: Place) -> Floats | None:
+    """Return the functions (k, N) by which a family at a setting moves; None where it moves one ball or place only."""
+    family, setting = place
+    if family.is_free:
+        functions = FREE.course(run, setting)[0]
+        return functions if np.any(functions, axis=0).all() else None
+    factors, = family.effect.factors(run, [setting])
+    return None if factors.at is not None else np.asarray(factors.waves[factors.of_setting[0][0]], dtype=float)
+
+
 @lru_cache(maxsize=4096)
-def motion_of(run: Run, place: Place) -> _Motion:
+def motion_of(run: Run, place: Place) -> MotionOf:
     """Return what a family at a setting says of what moves with what in a run."""
     (family, setting), described = place, _described(run)
     effect = family.effect
     bodies, own = effect.moved(setting), effect.driven_by(setting)
     standing = {one: {a if one == b else b for (a, b), share in described.items()
                       if one in (a, b) and a != b and share > STANDS} for one in own}
-    if len(own) == 1 and isinstance(effect, PhysicalEffect):  # a law may be a function of more than its variable is
-        factors, = effect.factors(run, [setting])
-        course = np.asarray(factors.waves[factors.of_setting[0][0]], dtype=float)
-        if factors.at is None and np.ptp(course, axis=1).any():
-            standing[next(iter(own))] |= {
-                name for name, basis in _slow_functions(run).items() if _share(course, basis) > STANDS} - own
-    return _Motion(bodies, own, {one: frozenset(some) for one, some in standing.items()})
+    course = course_of(run, place)
+    if len(own) == 1 and not family.is_free and course is not None and np.ptp(course, axis=1).any():
+        standing[next(iter(own))] |= {  # a law may be a function of more than its variable is
+            name for name, basis in _slow_functions(run).items() if _share(course, basis) > STANDS} - own
+    return MotionOf(bodies, own, {one: frozenset(some) for one, some in standing.items()})
 
 
 class Posterior:
@@ -165,34 +176,37 @@ class Posterior:
         self.p = dict(zip(self.keys, (weight / weight.sum()).tolist()))
         self._places = {key: looked[key][1] for key in self.keys}
 
-    def causes(self, run: Run, places: Sequence[Place]) -> tuple[Cause, ...]:
-        """Return what the members of the best hypothesis say; two that another one replaces are a Cause together."""
-        groups = [[place] for place in places]
-        for one, other in combinations(places, 2):
+    def causes(self, run: Run, motions: Mapping[Place, MotionOf]) -> tuple[Cause, ...]:
+        """Return what the members of the best hypothesis say; two that another one replaces are a Cause together.
+
+        motions: what each of these members may say in the run."""
+        groups = [[place] for place in motions]
+        for one, other in combinations(motions, 2):
             first, second = (next(group for group in groups if place in group) for place in (one, other))
-            if first is not second and self._is_replaced(run, one, other, places):
+            if first is not second and self._is_replaced(run, one, other, motions):
                 first += second
                 groups.remove(second)
         laws: list[Counter[tuple[str, ...]]] = [Counter() for _ in groups]
         seen: list[Counter[str]] = [Counter() for _ in groups]
         heard = [(key, p) for key, p in self.p.items() if p > HEARD]
         for key, p in heard:
-            for k, mine in enumerate(self._assigned(run, self._places[key], groups)):
+            for k, mine in enumerate(self._assigned(run, self._places[key], groups, motions)):
                 if mine:
                     is_free = any(family.is_free for family, _ in mine)
                     laws[k][() if is_free else tuple(sorted(family.name for family, _ in mine))] += p
                     for name in frozenset().union(*(motion_of(run, place).may_be for place in mine)):
                         seen[k][name] += p
         total = sum(p for _, p in heard)
-        return tuple(self._cause(run, tuple(group), {law: p / total for law, p in own.most_common()}, may_be)
+        return tuple(self._cause(motions, tuple(group), {law: p / total for law, p in own.most_common()}, may_be)
                      for group, own, may_be in zip(groups, laws, seen))
 
     @staticmethod
-    def _assigned(run: Run, places: Sequence[Place], groups: Sequence[Sequence[Place]]) -> list[list[Place]]:
+    def _assigned(run: Run, places: Sequence[Place], groups: Sequence[Sequence[Place]],
+                  motions: Mapping[Place, MotionOf]) -> list[list[Place]]:
         """Return which members of a hypothesis say what each group says: those of its names first."""
         out: list[list[Place]] = [[] for _ in groups]
         agreeing = [[k for k, group in enumerate(groups) if any(
-            motion_of(run, place).agrees(motion_of(run, one)) for one in group)] for place in places]
+            motion_of(run, place).agrees(motions[one]) for one in group)] for place in places]
         for is_name in (True, False):
             for place, ks in zip(places, agreeing):
                 own = [k for k in ks if is_name == any(place[0].name == family.name for family, _ in groups[k])]
@@ -202,24 +216,26 @@ class Posterior:
                     ks.clear()
         return out
 
-    def _cause(self, run: Run, places: tuple[Place, ...], laws: dict[tuple[str, ...], float],
+    @staticmethod
+    def _cause(motions: Mapping[Place, MotionOf], places: tuple[Place, ...], laws: dict[tuple[str, ...], float],
                may_be: Mapping[str, float]) -> Cause:
-        motions, whole = [motion_of(run, place) for place in places], sum(laws.values())
+        own, whole = [motions[place] for place in places], sum(laws.values())
         # of several variables those that nearly every explanation has, at least the likeliest
-        ranked = sorted({one for motion in motions for one in motion.own}, key=lambda one: (-may_be[one], one))
+        ranked = sorted({one for motion in own for one in motion.own}, key=lambda one: (-may_be[one], one))
         kept = [one for one in ranked if may_be[one] >= SURE * max(may_be.values())] or ranked[:1]
-        standing = [frozenset[str]().union(*(motion.standing.get(one, ()) for motion in motions)) - {one}
+        standing = [frozenset[str]().union(*(motion.standing.get(one, ()) for motion in own)) - {one}
                     for one in kept]
         sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
-        return Cause(places, frozenset().union(*(motion.bodies for motion in motions)), tuple(reversed(sets.values())),
-                     whole, tuple(laws.items()))
+        every = (*(motion.bodies for motion in own), *(motion.alike for motion in own))
+        bodies = dict.fromkeys(body for some in every for body in sorted(some))
+        return Cause(places, tuple(bodies), tuple(reversed(sets.values())), whole, tuple(laws.items()))
 
-    def _is_replaced(self, run: Run, one: Place, other: Place, places: Sequence[Place]) -> bool:
+    def _is_replaced(self, run: Run, one: Place, other: Place, places: Mapping[Place, MotionOf]) -> bool:
         """Return whether a hypothesis that is not unlikely has one member that agrees with two in their place."""
         rest = sorted(family.name for family, _ in places)
         rest.remove(one[0].name)
         rest.remove(other[0].name)
-        motions = motion_of(run, one), motion_of(run, other)
+        motions = places[one], places[other]
         for key, p in self.p.items():
             if p < ALIKE * self.p[self.best]:
                 return False

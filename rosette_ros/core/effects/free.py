@@ -140,6 +140,11 @@ def motions(run: Run) -> dict[str, Floats]:
         'scales and squareness of the CMM': across}
 
 
+def moving_bodies(run: Run) -> dict[str, Floats]:
+    """Return the directions (d, N, 3) of each body that can move the balls, all that it has."""
+    return {name.partition(' along ')[0]: directions for name, directions in motions(run).items()}
+
+
 PLAIN = ('frame along z', 'frame along x and y', 'plate growing', 'table or plate turning', 'table axis tilting')
 """Motions of courses of two variables."""
 OF_BALL = ('frame along z', 'plate along its x and y', 'plate along its x, y and z')
