@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.diagnosis.verdict import (
-    SURE,
     WRONG,
     MissingEffect,
     Outcome,
@@ -183,11 +182,11 @@ def missing_words(one: MissingEffect) -> str:
     title, cause = title_of(one.name), one.cause
     if cause is None:
         return title
+    if one.depth == 1:
+        return f'{moves_words(one)} ({chance(cause.probability)}), most like {laws_words(cause)}'
     number = cause.number('reading') or cause.number('ball')
     place = '' if number is None else f', {"reading" if cause.number("reading") else "ball"} {number}'
-    others = ''.join(f', or {title_of(name)} ({chance(p)})' for name, p in one.alternatives if not cause.law_certain)
-    if not cause.law_certain and cause.variables and cause.probability >= min(SURE, one.together):
-        return f'{moves_words(one)} ({chance(cause.probability)}), most like {laws_words(cause)}'
+    others = ''.join(f', or {title_of(name)} ({chance(p)})' for name, p in one.alternatives if not one.depth)
     return f'{title}{place} ({chance(cause.law_probability)}){others}'
 
 
@@ -198,10 +197,10 @@ def laws_words(cause: 'Cause') -> str:
 
 
 def moves_words(one: MissingEffect) -> str:
-    """Return what moves with what: 'the probe moves with time (travel and temperature run alike here)'."""
+    """Return what moves with what: 'the probe moves with time (travel and temperature run alike here)'; else names."""
     effect, cause = MEANINGS.get(one.name), one.cause
-    if cause is None or not isinstance(effect, PhysicalEffect):
-        return title_of(one.name)
+    if cause is None or not isinstance(effect, PhysicalEffect) or not one.depth:
+        return ' or '.join(map(title_of, (one.name, *(name for name, _ in one.alternatives))))
     verb, ball = MOVES[type(effect.motion)], cause.number('ball')
     if cause.number('reading'):
         return f'reading {cause.number("reading")} is off'

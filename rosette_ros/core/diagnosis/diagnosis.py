@@ -19,7 +19,7 @@ from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_sett
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, kinds_beside
-from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
+from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of, p_of_tail
 from rosette_ros.core.diagnosis.posterior import CLAIM, STANDS, Cause, Claim, Posterior, course_of, motion_of
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
@@ -343,7 +343,26 @@ class RunSearch:
         return self.p(next((one.gain for one in offers if one.family is member.family), -np.inf))
 
     def _is_guarded(self, place: int) -> bool:
-        return self.p_of_member(place) <= GUARD
+        return self.p_of_member(place) <= GUARD and place not in self._of_tail
+
+    @cached_property
+    def _of_tail(self) -> frozenset[int]:
+        """The places of the wrong readings that do not stand out of the tail that the other readings have."""
+        members = self.chosen.members
+        readings = {place: one.setting.whole('reading') - 1 for place, one in enumerate(members)
+                    if 'reading' in one.setting}
+        if not readings:
+            return frozenset()
+        rest = State(self.evidence, [one for place, one in enumerate(members) if place not in readings])
+        residual = rest.residual.reshape(-1, 3)
+        if self.base.noise.tail:
+            residual = self.base.joint.whitening.inverse(residual[None])[0]
+        out: set[int] = set()
+        for place in sorted(readings, key=lambda one: float(np.sum(residual[readings[one]]**2))):
+            others = np.delete(residual, [row for one, row in readings.items() if one not in out], axis=0)
+            if p_of_tail(residual[readings[place]], others) > GUARD:
+                out.add(place)  # and is a part of the tail of those that are farther off
+        return frozenset(out)
 
     @cached_property
     def null(self) -> Floats:

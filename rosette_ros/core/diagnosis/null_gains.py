@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the best hypothesis is worth in runs of noise alone: the guard that counts the whole search."""
+"""What noise alone does: what the best hypothesis is worth in it, and how far single readings are off in its tail."""
 
 import numpy as np
+from scipy.special import fdtrc, gammaln
 
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by
+from rosette_ros.core.diagnosis.noise_kinds import DEGREES, EXACT, NOT_WHITE
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, resolution_of
 
 DRAWS = 100
 TAIL = 10
 """Draws beyond which the probability falls as that of a log Bayes factor does: by e for each unit (Markov)."""
+EM_STEPS = 30
 COARSE = 1.5
 """Step of the readings, over the residual, above which their noise is mostly that of rounding."""
 
@@ -46,6 +49,32 @@ def p_of(gain: float, null: Floats) -> float:
     if above >= TAIL:
         return (above + 1) / (null.size + 1)
     return float((TAIL + 1) / (null.size + 1) * np.exp(min(null[TAIL - 1] - gain, 0.0)))
+
+
+def p_of_tail(own: Floats, others: Floats) -> float:
+    """Return the probability that the farthest of all readings is as far off as one, by the tail that the others have.
+
+    own, others: residuals (3,), (m, 3). The tail is Student's, of readings or of coordinates, whichever makes it
+    likelier; its degrees of freedom are averaged by their likelihood, NOT_WHITE shared out over finite ones."""
+    return max(_p_of_student(float(own @ own), np.sum(others**2, axis=1), 3),
+               _p_of_student(float(np.max(own**2)), others.reshape(-1)**2, 1))
+
+
+def _p_of_student(own: float, square: Floats, dim: int) -> float:
+    """Return it for a square of `dim` coordinates by Student's distribution, which the others, (m,), have."""
+    finite = DEGREES[DEGREES >= 3]
+    degrees = np.append(finite, EXACT)
+    prior = np.append(np.full(finite.size, NOT_WHITE / finite.size), 1 - NOT_WHITE)
+    scale = np.full(degrees.size, max(float(square.mean()) / dim, 1e-300))
+    for _ in range(EM_STEPS):
+        scale = np.mean((degrees[:, None] + dim) / (degrees[:, None] + square / scale[:, None]) * square, axis=1) / dim
+        scale = np.maximum(scale, 1e-300)
+    half = degrees / 2
+    log_p = square.size * (gammaln(half + dim / 2) - gammaln(half) - dim / 2 * np.log(degrees * scale)) - np.sum(
+        (half[:, None] + dim / 2) * np.log1p(square / (degrees * scale)[:, None]), axis=1) + np.log(prior)
+    weight = np.exp(log_p - log_p.max())
+    one = fdtrc(dim, degrees, own / (dim * scale))
+    return float(weight / weight.sum() @ -np.expm1((square.size + 1) * np.log1p(-np.minimum(one, 1 - 1e-12))))
 
 
 def is_coarse(fitted: Fit) -> bool:

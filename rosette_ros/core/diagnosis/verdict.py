@@ -138,9 +138,18 @@ class MissingEffect:
     after: float = np.nan
 
     @property
+    def depth(self) -> int:
+        """How much is known: 2, its law; 1, what moves with what; 0, only that it is one of several names."""
+        if self.cause is None or self.cause.law_certain:
+            return 2
+        return int(self.cause.probability >= min(SURE, self.together))
+
+    @property
     def probability(self) -> float:
-        """The probability that what is said of it is true: what moves with what, or one of the names."""
-        return max(self.cause.probability, self.together) if self.cause else 1.0
+        """The probability that what is said of it is true: its law, what moves with what, or one of the names."""
+        if self.cause is None:
+            return 1.0
+        return (self.together, self.cause.probability, self.cause.law_probability)[self.depth]
 
 
 class UnnamedMotion(Protocol):
