@@ -22,7 +22,8 @@ DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
 
 def found_in(order, *hidden):
     """Return the Finding of a run of 8 balls of the machine that hides effects."""
-    return find(Machine(MachineConfig().changed(seed=1, plate={'balls': 8}, hidden=list(hidden))).run(plan(8, order, 1)))
+    config = MachineConfig().changed(seed=1, plate={'balls': 8}, hidden=list(hidden))
+    return find(Machine(config).run(plan(8, order, 1)))
 
 
 def place_of(run, name, **setting):
