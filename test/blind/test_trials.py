@@ -12,10 +12,12 @@ from benchmarks.blind import SETS, Trial, Truth, trials
 from benchmarks.blind.answers import answered, is_told, judged, law_judged, level_judged, truths
 from benchmarks.blind.cause import BODIES, said
 from benchmarks.blind.library import LIBRARY, alike, statement
+from benchmarks.blind.regret import regret
 from benchmarks.blind.runs import CROSSED, ORDERS, SIGMA, Plan, true_curves, visible_part
 from benchmarks.blind.trial import CAUSES, NotShown, causes_of
 from rosette_ros.analysis import diagnose
 from rosette_ros.core.diagnosis import posterior as levels
+from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.geometry import rotate_z
@@ -253,3 +255,14 @@ def test_an_effect_is_named_in_a_run_of_its_own():
     assert record['judged'] == 'right' and record['left'] < 4 and record['claims'][0]['true']
     assert np.mean(record['covered']) > 0.8 and record['order'] == 'sensitive'
     assert np.abs(rotate_z(-run.phi, truth.shift)).max() > SIGMA
+
+
+def test_two_effects_are_found_of_which_neither_is_worth_much_alone():
+    """A warm-up, or a drift along a curve, and what follows the temperature, in an order that measures one ball after
+    the other: what is hidden is worth no more than what was visited."""
+    trial, = trials(['pairs'], seeds=1, first_seed=5019)
+    run, truth = trial.run()
+    found, search = diagnose(run), search_of(run).white
+    assert trial.judge(found, truth)['judged'] == 'right' and regret(run, truth.hidden) < 0.1
+    both, *alone = (search.looked[tuple(sorted(names))][0] for names in (truth.hidden, *zip(truth.hidden)))
+    assert both > sum(alone) + 15 and {one.bodies for one in found.causes} == {frozenset(['frame'])}

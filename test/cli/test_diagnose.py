@@ -25,7 +25,7 @@ def tables():
 
 
 def test_json_is_that_of_the_contract(rosette, tables):
-    """Keys, claimed effects, uncertainties and units; the truth lies within three u."""
+    """Keys, levels, claimed effects, uncertainties and units; the truth lies within three u."""
     got = diagnosed(rosette, tables[0])
     assert got['schema'] == 'rosette-diagnosis/1'
     assert {'schema', 'model', 'fit', 'missing', 'unexplained', 'candidates',
@@ -33,6 +33,13 @@ def test_json_is_that_of_the_contract(rosette, tables):
     assert got['model'] == ['table_motions', 'plate_deviations', 'cmm_deviations']
     assert set(got['missing']) == {'frame_drift', 'plate_warp'}
     assert got['unexplained'] is False
+    levels = {one['motion']: one for one in got['levels']}
+    assert set(levels) == {'frame', 'plate'}
+    for one in levels.values():
+        assert set(one) == {'motion', 'variables', 'probability', 'law', 'law_probability', 'law_certain', 'laws'}
+        assert ['time'] in one['variables'] and one['law_probability'] <= one['probability'] <= 1
+        assert one['laws'][0] == {'effect': one['law'], 'probability': one['law_probability']}
+    assert (levels['frame']['law'], levels['plate']['law']) == ('frame_drift', 'plate_warp')
     assert got['invisible'] == ['table_backlash', 'table_backlash_angle']
     assert set(got['invisible_bias']['table_backlash']) == {
         'ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad'}
@@ -65,7 +72,7 @@ def test_what_a_person_sees(rosette, tables):
     out = rosette('diagnose', tables[0]).out
     lines = out.splitlines()
     assert lines[0].startswith('drift_and_warp_1: 8 balls')
-    assert lines[1] == 'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL' and ' (99 %), most like ' in out
+    assert lines[1] == 'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL' and lines[2].startswith('The probe moves')
     flat = ' '.join(out.split())
     for words in ('the probe moves by', 'warping of the plate', 'µm/h', 'U: expanded uncertainty (k = 2)',
                   'This run could not have shown backlash of the table', 'negligible',

@@ -157,5 +157,5 @@ def test_a_millimetre_of_turning_is_named_alone():
                 Rotation.from_rotvec([0, 0, 0.5 * approach * MILLIMETRE / RADIUS]).apply(ball), [0, 0, 0]))):
         found = find(rigid_run(7, 1, 'sensitive', motion=motion, noise=1e-7, turn=5e-3)[0])
         if found.missing != (name,) or found.unnamed or found.final.rms >= 1.3e-7:
-            wrong[name] = (found.missing, found.shapes, found.final.rms)
+            wrong[name] = (found.missing, found.unnamed, found.explanations[:3], found.final.rms)
     assert not wrong, wrong

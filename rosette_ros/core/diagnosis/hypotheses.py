@@ -257,7 +257,8 @@ class Search:
                        lambda one: 2 * float(state.line(one.rows).max()))
 
     def _settled(self, state: State) -> State:
-        """Return a state with every member searched again, and refined, beside the others."""
+        """Return a state with every member searched again, and refined, beside the others, where that is better."""
+        before = state
         for place in range(len(state.members) if len(state.members) > 1 else 0):
             one, rest = state.members[place], State(self.evidence, state.without(place))
             offer = None if one.family.is_free else rest.offer(one.family)
@@ -269,7 +270,7 @@ class Search:
                 if best is not made:
                     made = self.refined(rest, Suggestion(0.0, best.family, best.setting, best.volume))
             state = State(self.evidence, (*rest.members[:place], made, *rest.members[place:]))
-        return self._kept(state)
+        return self._kept(max(before, state, key=_evidence))
 
 
 def _other_choices(member: Member) -> list[Setting]:

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What moves with what, as far as a run tells, and by which law: on runs whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import synthetic_run
+
+from rosette_ros.core.diagnosis.bank import families_of
+from rosette_ros.core.diagnosis.diagnosis import Unnamed, find
+from rosette_ros.core.diagnosis.posterior import Posterior, motion_of
+from rosette_ros.core.diagnosis.verdict import Level, Outcome, decide
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.planning.advice import planned_run
+from rosette_ros.core.scheme import plan
+from rosette_ros.simulation import Machine, MachineConfig
+
+SIGMA = 1e-7
+DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
+
+
+def found_in(order, *hidden):
+    """Return the Finding of a run of 8 balls of the machine that hides effects."""
+    config = MachineConfig().changed(seed=1, plate={'balls': 8}, hidden=list(hidden))
+    return find(Machine(config).run(plan(8, order, 1)))
+
+
+def place_of(run, name, **setting):
+    """Return a family of a run at a setting, its first one changed."""
+    family, = (one for one in families_of(run) if one.name == name)
+    return family, Setting({**family.settings[0], **setting})
+
+
+def test_a_drift_moves_the_frame_with_time():
+    """And with what runs like time in this order; most like a drift, whose law others are near by likelihood."""
+    cause, = found_in('sensitive', DRIFT).causes
+    assert (cause.bodies, cause.names) == ({'frame'}, ('frame_drift',))
+    assert [some[0] for some in cause.variables] == ['time'] and frozenset(['travel']) in cause.alternatives
+    assert cause.laws[0][0] == ('frame_drift',) and cause.probability > 0.95
+    assert sum(p for _, p in cause.laws) == pytest.approx(cause.probability)
+
+
+def test_one_ball_or_reading_is_said_by_its_number():
+    """The slip of ball 3 may be a creep: the body is surer than the law. A wrong reading has one law only."""
+    slip, = found_in('diagonal', {'kind': 'ball_slip', 'ball': 3, 'shift_um': [1.5, 1.0, 0.5], 'at_h': 0.5}).causes
+    assert (slip.bodies, slip.number('ball'), slip.number('reading')) == ({'ball 3'}, 3, None)
+    assert slip.variables[0][0] == 'time' and slip.probability > 0.97 > slip.law_probability
+    assert {law for law, p in slip.laws if p > 0.05} == {('ball_slip',), ('ball_creep',)} and not slip.law_certain
+    found = found_in('random', {'kind': 'outlier', 'shift_um': [2.0, 1.0, 0.5], 'at_h': 0.5})
+    wrong, = found.causes
+    assert wrong.number('reading') == found.verdict.outliers[0].number and wrong.bodies == {'reading 25'}
+    assert wrong.variables == (('reading',),) and wrong.law_certain and wrong.probability > 0.97
+
+
+def test_two_laws_that_another_one_replaces_are_one_cause():
+    """Drift and warm-up, or a drift along a curve: the frame moves with time. Where no likely hypothesis has one in the
+    place of both, they are two; a motion of the plate always is another one."""
+    run = planned_run(plan(6, 'random', 1), 0.18)
+    drift, warm, curved, warp = (place_of(run, name) for name in (
+        'frame_drift', 'frame_warmup', 'frame_drift_curved', 'plate_warp'))
+    both, other = (('frame_drift', 'frame_warmup', 'plate_warp'), ()), (('frame_drift_curved', 'plate_warp'), ())
+    looked = {both: (5.0, (drift, warm, warp)), other: (4.5, (curved, warp)), ((), ()): (0.0, ())}
+    frame, plate = Posterior(looked).causes(run, (drift, warm, warp))
+    assert (frame.bodies, plate.bodies) == ({'frame'}, {'plate'})
+    assert frame.names == ('frame_drift', 'frame_warmup') and plate.names == ('plate_warp',)
+    weight = np.exp([5.0, 4.5, 0.0])
+    assert dict(frame.laws) == {('frame_drift', 'frame_warmup'): pytest.approx(weight[0] / weight.sum()),
+                                ('frame_drift_curved',): pytest.approx(weight[1] / weight.sum())}
+    assert frame.probability == plate.probability == pytest.approx(weight[:2].sum() / weight.sum())
+    looked[other] = 1.0, (curved, warp)
+    assert [one.names for one in Posterior(looked).causes(run, (drift, warm, warp))] == [
+        ('frame_drift',), ('frame_warmup',), ('plate_warp',)]
+
+
+def test_a_course_that_repeats_with_the_balls_may_be_of_the_ball():
+    """Order diagonal measures the balls in turn: a cycle of as many readings is a function of the ball, and one of
+    another period is not."""
+    run, *_ = synthetic_run(8, 'diagonal', 2, noise=SIGMA)
+    turn = (run.time[-1] - run.time[0]) * 8 / (run.size - 1)
+    assert 'ball' in motion_of(run, place_of(run, 'frame_cycle', period=turn)).may_be
+    assert 'ball' not in motion_of(run, place_of(run, 'frame_cycle', period=1.7 * turn)).may_be
+    moved = np.cos(2 * np.pi * run.time / turn)[:, None] * np.array([0.0, 0.5e-6, 1e-6])
+    cause, = find(run.replace(centre=run.centre + moved)).causes
+    assert frozenset(['ball']) in cause.alternatives and cause.bodies == {'frame'}
+
+
+def test_what_is_less_than_sure_is_suspected():
+    """Below 90 %: in doubt, with a name or without; beside something that is sure, it is what that is."""
+    found = found_in('sensitive', DRIFT)
+    claim, cause = replace(found.claims[0], together=0.8), replace(found.causes[0], probability=0.8)
+    one = Unnamed((frozenset(['time']),), 'plate growing', Setting(of='time'), 0.8)
+
+    def outcome(*unnamed, claims=(), causes=(), missing=()):
+        final = found.final if missing else found.fit
+        return decide(found.fit, final, missing, unnamed, claims, causes).outcome
+
+    named = {'claims': [claim], 'causes': [cause], 'missing': found.missing}
+    assert found.verdict.outcome == Outcome.NAMED
+    assert outcome(**named) == outcome(one) == outcome(one, **named) == Outcome.SUSPECTED
+    surer = replace(one, probability=0.95)
+    assert outcome(surer) == outcome(surer, **named) == Outcome.UNNAMED
+    assert outcome(one, **{**named, 'causes': [replace(cause, probability=0.95)]}) == Outcome.NAMED
+    verdict = decide(found.fit, found.fit, unnamed=[one])
+    assert verdict.level == Level.DOUBTFUL and verdict.model_fails
