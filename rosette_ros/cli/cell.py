@@ -261,8 +261,8 @@ def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
         except TimeoutError as error:
             raise CellError(f'{error}; see the output of the sequencer') from error
     text = outcome.message.removesuffix(f'; {KEPT} the log').removesuffix('; nothing was measured')
-    text += (f'; {KEPT} {outcome.log}; continue with: {client.resume_command(outcome.log)}'
-             if outcome.log and client.measured else '; nothing was measured')
+    text += '; nothing was measured' if not client.measured else f'; {KEPT} no log' if not outcome.log else (
+        f'; {KEPT} {outcome.log}; continue with: {client.resume_command(outcome.log)}')
     if outcome.cancelled:
         raise KeyboardInterrupt(text)
     if PAUSE in outcome.message:
