@@ -157,6 +157,15 @@ def test_arrows_point_one_way():
     assert offenders(lambda path: wrong_arrows(layer(path), tree_of(path))) == {}
 
 
+def test_no_module_of_the_nodes_imports_itself_by_others():
+    """Nor for its types only: what others share stands below them."""
+    above = {f'nodes.{path.stem}': {name for name in own(imports(tree_of(path))) if is_module(name)}
+             for path in FILES if layer(path) == 'nodes'}
+    while (free := {name for name, below in above.items() if not below & set(above)}):
+        above = {name: below for name, below in above.items() if name not in free}
+    assert above == {}
+
+
 def test_core_knows_numbers_only():
     """Numpy, scipy and the standard library; no files, no clock, no printing."""
     assert offenders(lambda path: outside_of_core(tree_of(path)), 'core') == {}

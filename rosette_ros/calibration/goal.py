@@ -71,7 +71,6 @@ class Job:
     opening: bool = True  # its log
     recording: bool = False
     frames: list[Any] = field(default_factory=list)  # TransformStamped messages of the table frame
-    has_new_evaluator: bool = False  # its results may not have been used: it was known too briefly
     motions: Any = None  # the ErrorMotions message as published
     joint: Any = None  # the EvaluateJointly.Response, None where none was asked for (yet)
 
@@ -119,16 +118,19 @@ class Job:
         return f'{sequence.phase.name.lower().replace("_", " ")}, {sequence.done} of {sequence.plan.total} balls'
 
 
-def make_job(request: Request, configured: Mapping[str, Value], taken: Collection[str], recalled: Any = None) -> Job:
+def make_job(request: Request, configured: Mapping[str, Value], taken: Collection[str], recalled: Any = None,
+             known: RunAnswers | None = None) -> Job:
     """Return the Job of a request.
 
     configured: the settings of the sequencer, name to value; taken: run_ids that are used; recalled: the
-    Recall.Response of the run that is resumed, None for a new run. Raises RosetteError with the reason why not."""
+    Recall.Response of the run that is resumed, None for a new run; known: what the sequencer has of the last run, all
+    of which the disk may not have. Raises RosetteError with the reason why not."""
     joint_with = request.joint_with()
     changes = settings.goal_changes(request.goal)
     changes.pop(settings.RESUME.name, None)
     if recalled is not None:
-        return replace(_resumed_job(request, recalled, changes, {**configured, **changes}), joint_with=joint_with)
+        job = _resumed_job(request, recalled, changes, {**configured, **changes}, known)
+        return replace(job, joint_with=joint_with)
     values = settings.with_identity(settings.changed_settings(configured, changes))
     plan = settings.plan_of(values)
     run_id = settings.run_name(datetime.now(UTC), plan.scheme.order, taken)
@@ -136,7 +138,8 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
                settings.format_settings(values), joint_with)
 
 
-def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], values: Mapping[str, Value]) -> Job:
+def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], values: Mapping[str, Value],
+                 known: RunAnswers | None) -> Job:
     if not recalled.success:
         raise CellError(recalled.message)
     run_id = plain(recalled.run_id)
@@ -146,6 +149,12 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
     values = settings.with_identity({**values, **planned})
     plan = settings.plan_of(values)
     earlier = earlier_answers(recalled, plan)
+    if known is not None and known.run_id == run_id:
+        targets, answers = known.lacking_in(earlier)
+        for target in targets:
+            earlier.add_target(target)
+        for answer in answers:
+            earlier.add_answer(answer)
     if any(event.kind == SUCCEEDED for event in recalled.events):
         raise CellError(f'resume: run {run_id} lacks nothing: it ended in success and its log is closed')
     return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, plan.scheme.order,

@@ -4,6 +4,7 @@
 Whoever drives it passes the time (steady, s) and carries out the commands that each step returns."""
 
 import shlex
+from array import array
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -100,11 +101,13 @@ Command = Ask | Locate | PublishState | PublishRun | Verify | Remark | Finish
 Commands = tuple[Command, ...]
 
 
-def with_advice(words: str, log: str, where: Collection[str]) -> str:
-    """Return how a run ended and how to continue it; log: '' where nothing is in it; where: options of its cell."""
+def with_advice(words: str, log: str, is_measured: bool, where: Collection[str]) -> str:
+    """Return how a run ended and how to continue it; log: '' where there is none; where: options of its cell."""
     words = words.removesuffix(f'; {KEPT} the log').removesuffix(f'; {NOTHING}')
     more = shlex.join(['rosette', 'calibrate', '--resume', log, *where])
-    return f'{words}; {KEPT} {log}; {CONTINUE}{more}' if log else f'{words}; {NOTHING}'
+    if not is_measured:
+        return f'{words}; {NOTHING}'
+    return f'{words}; {KEPT} {log}; {CONTINUE}{more}' if log else f'{words}; {KEPT} no log'
 
 
 def complaint(answer: Answer, target: Target, limits: Limits, frames: Collection[str] = FRAMES) -> str:
@@ -160,6 +163,8 @@ class Sequence:
         self._skipped_last, self._is_aligned_again = True, False
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
+        self._unused = array('L')  # seq of the answers that came while another was waited for
+        self._early = 0  # answers to targets that had not been asked
         self._pace = deque[float](maxlen=PACE_OF)  # when the last answers were taken, since the last pause
 
     @property
@@ -206,16 +211,28 @@ class Sequence:
             return (Remark(f'not used: answer to run {answer.run_id!r}, this is {self.run_id!r}; an answer repeats '
                            'run_id and seq of its target'),)
         if target is None or answer.seq != target.seq:
-            waiting = 'nothing' if target is None else f'seq {target.seq}'
-            return (Remark(f'not used: answer to seq {answer.seq}, waiting for {waiting}'),)
+            self._unused.append(answer.seq)
+            self._early += answer.seq > self._next_index
+            return ()
         if words := complaint(answer, target, self.limits, self.answers.in_frames):
-            return self._again(words, now, answer.is_refused)
+            return (*self._not_used(), *self._again(words, now, answer.is_refused))
+        commands = self._not_used()
         self._asked, self._left_by = None, target.seq
-        commands = self._take(target, answer)
+        commands += self._take(target, answer)
         self._pace.append(now)
         if self.phase.is_end or self._held:
             return commands
         return (*commands, *self._next(now))
+
+    def _not_used(self) -> Commands:
+        """Return what became of the answers to others than the target that was waited for, in one remark."""
+        seqs, self._unused = self._unused, array('L')
+        if not seqs:
+            return ()
+        several, low, high = len(seqs), min(seqs), max(seqs)
+        what = f'{several} answers' if several > 1 else 'answer'
+        waiting = f'seq {self._asked.seq}' if self._asked else 'nothing'
+        return (Remark(f'not used: {what} to seq {low}{f" to {high}" * (high > low)}, waiting for {waiting}'),)
 
     def hold(self, words: str, now: float, is_gone: bool = True) -> Commands:
         """Ask for nothing more until resume_asking; answers are still taken.
@@ -248,8 +265,11 @@ class Sequence:
         return remark, PublishState(), self._ask(self._asked, now)
 
     def evaluated(self, results: Results) -> Commands:
-        """Take the results of this run that the evaluator has published: the log has to hold them."""
-        if self.phase is not Phase.EVALUATION or self._results is not None or self._held:
+        """Take the results of these readings that the evaluator has published: the log has to hold them.
+
+        Those of other readings, of an earlier attempt, are passed over."""
+        if (self.phase is not Phase.EVALUATION or self._results is not None or self._held
+                or results.readings_hash != self.answers.readings_hash):
             return ()
         self._results = results
         if not self.verifies:
@@ -286,7 +306,7 @@ class Sequence:
             return self._finish(Phase.FAILED, 'wanted error motions from the evaluator within '
                                 f'{self.limits.evaluation_timeout:g} s, got none; '
                                 + self._disturbed('all ball centres are in the log: evaluate it offline'))
-        return self._again(f'no answer within {self.limits.answer_timeout:g} s', now)
+        return (*self._not_used(), *self._again(f'no answer within {self.limits.answer_timeout:g} s', now))
 
     def _disturbed(self, advice: str) -> str:
         return advice + ''.join(f'; {words} for a while: it may hold answers of both' for words in self.disturbed)
@@ -332,7 +352,7 @@ class Sequence:
         balls = ', '.join(f'table position {one.table_position} ball {one.ball}' for one in self.skipped)
         self.text = f'error motions are published{f"; {len(self.skipped)} left out: {balls}" * bool(balls)}'
         self.text += ''.join(f'; {words} for a while: what they published then is not used' for words in self.disturbed)
-        return PublishState(), Finish(self.phase, self.text)
+        return *self._not_used(), PublishState(), Finish(self.phase, self.text)
 
     def _take(self, target: Target, answer: Answer) -> Commands:
         """Take a good answer to a target; with the last one of the alignment the table frame is found."""
@@ -373,7 +393,8 @@ class Sequence:
             self._tries += 1
             return Remark(f'{target}, attempt {target.attempt}: {words}; asking again'), self._ask(target, now)
         times = 'once' if self._tries == 1 else f'{self._tries} times'
-        words = f'{target}: asked {times}, last: {words}{self.plan.doubt_of_axis(target) if self._alignment else ""}'
+        doubt = self._doubt or (self.plan.doubt_of_axis(target) if self._alignment else '')
+        words = f'{target}: asked {times}, last: {words}{doubt}'
         reason = self._why_not_skipped(target)
         if reason is not None:
             return self._finish(Phase.FAILED, f'{words}; {reason}'
@@ -381,6 +402,12 @@ class Sequence:
         self.skipped.append(target)
         self._asked, self._skipped_last = None, True
         return (Remark(f'{words}; left out, {len(self.skipped)} of at most {self.limits.skips}'), *self._next(now))
+
+    @property
+    def _doubt(self) -> str:
+        """That the CMM answers ahead, by which an answer may be taken for that of another target, in words."""
+        return (f'; {self._early} answers were to targets that had not been asked: the CMM has to answer the target '
+                'that is asked, once') if self._early else ''
 
     def _why_not_skipped(self, target: Target) -> str | None:
         """Return why a target may not be left out, None where it may; empty: it is never done."""
@@ -414,11 +441,11 @@ class Sequence:
             refuse_other_axis(self._frame, self.plan.taught)
             refuse_other_sense(self._frame, centres[:n], centres[n:])
         except RosetteError as error:
-            return self._finish(Phase.FAILED, f'alignment: {error}')
+            return self._finish(Phase.FAILED, f'alignment: {self._doubt.removeprefix("; ") or error}')
         return Locate(self._frame, self._stamp()), *remarks
 
     def _finish(self, phase: Phase, text: str) -> Commands:
-        self.phase, self.text = phase, text
+        remarks, self.phase, self.text = self._not_used(), phase, text
         self._asked = self._deadline = None
         self._held = ''
-        return PublishState(), Finish(phase, text)
+        return *remarks, PublishState(), Finish(phase, text)

@@ -7,7 +7,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,6 +21,7 @@ from rclpy.logging import LoggingSeverity
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import CalibrationEvent, RunState
+from rosette_msgs.msg import ErrorMotions as ErrorMotionsMessage
 from std_srvs.srv import Trigger
 
 from rosette_ros import command
@@ -34,8 +35,9 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals, make_executor
 from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.graph_node import GraphNode
-from rosette_ros.nodes.liveliness import RESTART, NodeMonitors, started
-from rosette_ros.nodes.topic_publishers import TopicPublishers
+from rosette_ros.nodes.liveliness import NodeMonitors, started
+from rosette_ros.nodes.log_session import run_of
+from rosette_ros.nodes.node_requests import RESTART
 
 CANCEL_TIMEOUT = 30.0
 RECOVERY = 40.0  # a CMM that clears its errors or connects anew answers within this time, s
@@ -115,34 +117,30 @@ class CellClient(GraphClient):
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         super().__init__(self.name, domain_id, namespace)
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
-        self._run_id, self._is_restarted, self._has_state = '', False, False
+        self._run_id, self._done_words, self._is_restarted, self._has_state = '', '', False, False
+        self._motions = ErrorMotionsMessage()
         self._progress = CalibrationProgress()
         self._on_warning: Callable[[str], object] | None = None
         self._node.create_subscription(Log, names.ROSOUT, self._on_log, qos.EVENT)
+        self._node.create_subscription(ErrorMotionsMessage, names.ERROR_MOTIONS, self._on_motions, qos.RESULT)
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
         # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
         # of feedback and events, too.
         self._monitors = NodeMonitors(self._node)
-        self._sequencer = TopicPublishers(self._node, names.RUN_STATE, self._monitors.of(names.SEQUENCER))
+        self._sequencer, self._recorder = map(self._monitors.of, (names.SEQUENCER, names.RECORDER))
         self._sequencer.on_change = self._on_restart
-        self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
-        self._node.create_timer(_STEP, self._watch)
+        self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE)
+        self._node.create_timer(_STEP, self._monitors.watch)
 
     def close(self) -> None:
         """Leave the graph."""
         self._action.destroy()
         super().close()
 
-    def _watch(self) -> None:
-        self._monitors.watch()
-        self._sequencer.watch()
-
     def wait(self, timeout: float = 10.0) -> None:
         """Wait for a sequencer; raises CellError where none answers in time."""
         if not self._spin_until(lambda: self._action.server_is_ready() and self._has_state
                                 and self._node.count_publishers(names.CALIBRATION_EVENT) > 0, timeout):
-            if words := self._sequencer.conflict:
-                raise CellError(f'cell {self._where}: {words}: wanted one sequencer; end one of them')
             others = ', '.join(self.running(FOUND))
             raise CellError(f'cell {self._where}: wanted a sequencer within {timeout:g} s, got ' + (
                 f'only {others}: the sequencer is not started, has ended or hangs; {RESTART}' if others else
@@ -182,7 +180,7 @@ class CellClient(GraphClient):
 
         Raises CellError where the sequencer is not there, refuses, or is disconnected."""
         self.wait()
-        self._run_id, self._is_restarted, self._on_warning = '', False, None
+        self._run_id, self._done_words, self._is_restarted, self._on_warning = '', '', False, None
 
         def on_feedback(message: Any) -> None:
             if on_progress and message.feedback.state.phase in list(Phase):
@@ -205,9 +203,19 @@ class CellClient(GraphClient):
             except (KeyboardInterrupt, TimeoutError):
                 handle.cancel_goal_async()
                 response = self._await(result, CANCEL_TIMEOUT, check)
+        if response is None:
+            return self._outcome_without_result()
         if response.status == GoalStatus.STATUS_ABORTED and not response.result.run_id:
             raise CellError(f'cell {self._where}: calibration refused: {plain(response.result.message, most=2000)}')
         return outcome_of(response)
+
+    def _outcome_without_result(self) -> CalibrationOutcome:
+        """Return the outcome of a run that had succeeded, as it was published, before its sequencer ended."""
+        log, motions = Path(self._recorder.values.get('log', '')), self._motions
+        outcome = CalibrationOutcome(True, False, f'{self._done_words}; the sequencer ended before it said so',
+                                     self._run_id, log if run_of(log.name) == self._run_id else None, None)
+        return outcome if motions.run_id != self._run_id else replace(
+            outcome, error_motions=conversions.error_motions_record(motions), verdict=verdict_of(motions))
 
     def _await(self, future: Future, timeout: float | None, check: Callable[[], object] | None,
                interrupt: TakenSignals | None = None, is_run: bool = False) -> Any:
@@ -221,6 +229,8 @@ class CellClient(GraphClient):
             now = time.monotonic()
             seen = now if self._action.server_is_ready() else seen
             if now - seen > _DISCONNECTED or (is_run and self._is_restarted):
+                if is_run and self._done_words:
+                    return None
                 event = 'was restarted' if self._is_restarted else 'is disconnected'
                 hint = f', resume with: {self.resume_command(self._run_id)}' if self._run_id else ''
                 raise CellError(f'cell {self._where}: the sequencer {event}; what was measured is in the log{hint}')
@@ -241,9 +251,17 @@ class CellClient(GraphClient):
 
     def _on_state(self, state: RunState) -> None:
         """A sequencer that is idle while a calibration of it is running, is another process."""
-        if self._sequencer.admits():
+        def take() -> None:
             self._has_state, self._progress = True, progress_of(state)
+            if state.phase == Phase.DONE and self._progress.run_id == self._run_id:
+                self._done_words = self._progress.text
             self._is_restarted = self._is_restarted or state.phase == Phase.IDLE
+
+        self._sequencer.admit(state.process, names.RUN_STATE, take)
+
+    def _on_motions(self, message: ErrorMotionsMessage) -> None:
+        self._monitors.of(names.EVALUATOR).admit(
+            message.process, names.ERROR_MOTIONS, lambda: setattr(self, '_motions', message))
 
     def _on_restart(self) -> None:
         self._is_restarted = True

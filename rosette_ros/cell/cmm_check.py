@@ -27,7 +27,8 @@ from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer
 from rosette_ros.io.reading_checks import Check, check_answers, temperature_words
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.liveliness import NodeMonitor, target_subscriptions
+from rosette_ros.nodes.liveliness import NodeMonitor
+from rosette_ros.nodes.node_requests import target_subscriptions
 
 SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
 SEQUENCER_SEARCH = client.SEARCH

@@ -19,19 +19,20 @@ from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, SimpleManagedEntity, TransitionCallbackReturn
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.time import Time
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import InvalidConfig, RosetteError
-from rosette_ros.nodes import names
+from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData, RosetteError
+from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.graph_node import GraphNode
-from rosette_ros.nodes.liveliness import NodeMonitor, NodeMonitors, StatusPublisher
+from rosette_ros.nodes.interfaces import decoded
+from rosette_ros.nodes.liveliness import NodeMonitor, NodeMonitors, StatusPublisher, TopicPublishers
 from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
-from rosette_ros.nodes.topic_publishers import TopicPublishers
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 WAKE_PERIOD, HEALTH_PERIOD = 0.2, 1.0
@@ -58,27 +59,56 @@ class CellNode(GraphNode):
         self.parameters = Parameters(self, tuple(wanted))
         self.system = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.status = StatusPublisher(self)
+        self.status = StatusPublisher(self, self.now)
         self._disturbances = frozenset[str]()
         self.every(HEALTH_PERIOD, self._describe)
         self._monitors = NodeMonitors(self)
+        self._own = self.monitor(name)
         self._publishers_of: dict[str, TopicPublishers] = {}
         self.every(self.wake_period, self._wake)
 
     def on(self, name: str, message_class: type, handler: Callable[[Any], None], profile: QoSProfile,
            raw: bool = False, from_one: bool = False) -> Subscription:
         """Subscribe; raw: the handler gets CDR bytes; from_one: of a topic in names.PUBLISHERS nothing is handled while
-        several nodes publish it."""
+        several nodes publish it, of one in names.SIGNED nothing but what the process says that has the role."""
         known = self.publishers_of(name) if from_one and name in names.PUBLISHERS else None
+        role = self.monitor(names.SIGNED[name]) if from_one and name in names.SIGNED else None
+
+        def sender_of(message: Any) -> str:
+            try:
+                return str((decoded(message, message_class) if raw else message).process)
+            except InvalidData:  # bytes that are no such message
+                return ''
 
         def admitted(message: Any) -> None:
-            if known is None or known.admits():
+            if role is not None:
+                role.admit(sender_of(message), name, lambda: handler(message))
+            elif known is None or known.admits():
                 handler(message)
 
         made = self.create_subscription(message_class, name, admitted, profile, raw=raw)
         if known is not None:
             known.judge(made)
         return made
+
+    def say(self, publisher: Publisher, message: Any) -> None:
+        """Publish a message on a topic in names.SIGNED."""
+        message.process = self.status.process
+        publisher.publish(message)
+
+    def refuse_second(self, patience: float = 0.0) -> None:
+        """Raise CellError where another process that runs has the role of this one.
+
+        patience: s, for the status of one that the graph shows, before this one does anything."""
+        deadline = self.seconds() + patience
+        while (not (elder := self._own.elder(self.status)) and self.seconds() < deadline
+               and len(self._own.publishers()) > 1):
+            time.sleep(_SIGNAL_PERIOD)
+            self._monitors.take()
+        if elder:
+            raise CellError(f'wanted no other {self._own.peer} in the namespace {self.get_namespace()} of this domain, '
+                            f'got process {elder.removeprefix(self._own.peer).rpartition(" ")[0].strip()}, which runs; '
+                            'end that one, or give this one a namespace or domain of its own')
 
     def monitor(self, peer: str) -> NodeMonitor:
         """Return the monitor of another node of the cell."""
@@ -102,7 +132,8 @@ class CellNode(GraphNode):
 
     def _wake(self) -> None:
         self.status.serve()
-        self._monitors.watch()
+        for words in self._monitors.watch():
+            self.get_logger().warning(words)
         for one in self._publishers_of.values():
             one.watch()
         self.wake()
@@ -264,13 +295,15 @@ def _spin(make_node: Callable[[], CellNode], stop: TakenSignals, arguments: Sequ
         return parent.isdigit() and os.getppid() != int(parent)
 
     node = make_node()
-    refuse_unknown_sections(arguments, node)
     executor = make_executor()
-    executor.add_node(node)
     try:
+        refuse_unknown_sections(arguments, node)
+        node.refuse_second(qos.STATUS_LOST)
+        executor.add_node(node)
         node.get_logger().info(names.READY)
         while not (stop.is_received or is_orphaned()):
             executor.spin_once(timeout_sec=_SIGNAL_PERIOD)
+            node.refuse_second()  # not in a callback: the executor would print where it was raised
         if is_orphaned():
             node.get_logger().warning('the process that started this cell has ended; ending')
         node.finish()

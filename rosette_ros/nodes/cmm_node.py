@@ -22,7 +22,6 @@ from rosette_ros.io.messages import MACHINE_FRAME, Phase, short_frame
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import CellNode
 from rosette_ros.nodes.interfaces import waiting_service
-from rosette_ros.nodes.liveliness import process_of
 
 T = TypeVar('T')
 _ROUND = 1e-6  # by which a unit vector may be off
@@ -45,7 +44,7 @@ class CmmNode(CellNode, ABC):
         self._state = RunState(phase=RunState.PHASE_REPEATABILITY)
         # Before the topics: whoever finds those has to find the service, too, and DDS announces in this order.
         waiting_service(self, CheckPlan, names.CHECK_PLAN, self._on_check_plan)
-        self.requesters, self._state_publishers = map(self.publishers_of, (names.PROBE_TARGET, names.RUN_STATE))
+        self.requesters, self._sequencer = self.publishers_of(names.PROBE_TARGET), self.monitor(names.SEQUENCER)
         self.requesters.is_idle = self._is_idle
         self.on(names.RUN_STATE, RunState, self.on_state, qos.STATE, from_one=True)
         self.on(names.PROBE_TARGET, ProbeTarget, self.on_target, qos.ORDER, from_one=True)
@@ -84,7 +83,7 @@ class CmmNode(CellNode, ABC):
 
     def is_state_of(self, endpoints: Iterable[bytes]) -> bool:
         """Return whether the process that has one of these endpoints (GIDs) publishes the state of the run."""
-        return not {*map(process_of, endpoints)}.isdisjoint(map(process_of, self._state_publishers.used))
+        return any(map(self._sequencer.is_of, endpoints))
 
     def _is_idle(self, gid: bytes) -> bool:
         """Return whether a publisher of targets is of a sequencer that measures nothing."""

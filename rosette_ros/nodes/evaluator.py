@@ -5,12 +5,11 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import Parameter, ParameterType
-from rclpy.publisher import Publisher
 from rosette_msgs import msg
 from rosette_msgs.msg import Diagnosis, ErrorMotions, JointEvaluation, Model, RunState
 from rosette_msgs.msg import Run as RunMessage
@@ -33,7 +32,6 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
 from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, declared_sharing
 from rosette_ros.nodes.interfaces import introspected_service
-from rosette_ros.nodes.liveliness import SETTLING
 from rosette_ros.words.result_words import conclusion_text
 
 WANTED = (
@@ -55,14 +53,6 @@ def _callback_of(name: str) -> Callable[[Callable[..., None]], Callable[..., Any
     return decorate
 
 
-class _Results(NamedTuple):
-    """What was published last of a run that was evaluated, in this order; published: steady time, s."""
-
-    run_id: str
-    published: float
-    messages: tuple[tuple[Publisher, Any], ...]
-
-
 class Evaluator(CellNode):
     """Evaluates and diagnoses runs under the model in use, which requests may change.
 
@@ -77,7 +67,6 @@ class Evaluator(CellNode):
         self._answers: RunAnswers | None = None  # published by the sequencer, not yet evaluated
         self._due = '', 0  # the run to be evaluated, and how many of its targets are answered
         self._level, self._last = OK, 'no run yet'
-        self._results = _Results('', 0.0, ())
         self._motions_out = self.create_publisher(ErrorMotions, names.ERROR_MOTIONS, qos.RESULT)
         self._model_out = self.create_publisher(Model, names.MODEL, qos.RESULT)
         self._diagnosis_out = self.create_publisher(Diagnosis, names.DIAGNOSIS, qos.RESULT)
@@ -88,7 +77,7 @@ class Evaluator(CellNode):
         introspected_service(self, RemoveEffect, names.REMOVE_EFFECT, self._on_remove)
         self.on(names.RUN, RunMessage, self._on_run, qos.RESULT, from_one=True)
         self.on(names.RUN_STATE, RunState, self._on_state, qos.COLLECT_LATCHED, from_one=True)
-        self._model_out.publish(conversions.model_message(self._in_use.model, self.now().to_msg()))
+        self.say(self._model_out, conversions.model_message(self._in_use.model, self.now().to_msg()))
 
     def _on_run(self, message: RunMessage) -> None:
         try:
@@ -101,7 +90,6 @@ class Evaluator(CellNode):
         run_id = plain(message.run_id)
         if message.phase == RunState.PHASE_EVALUATION:
             self._due = run_id, message.done
-            self._publish_again(run_id, self.seconds())
         else:
             self._due = self._due if message.phase == RunState.PHASE_DONE else ('', 0)
             self.status.report('')
@@ -122,11 +110,7 @@ class Evaluator(CellNode):
             self._report_failure(run_id, str(error))
             self.status.report(self._last)  # ends the run: it would wait in vain for error motions
             return
-        diagnosis = self._diagnose_after(fit.run)
-        model, motions = self._publish(fit, diagnosis)
-        self._results = _Results(run_id, self.seconds(), (
-            *([(self._diagnosis_out, diagnosis)] if diagnosis else ()), (self._model_out, model),
-            (self._motions_out, motions)))
+        self._publish(fit, self._diagnose_after(fit.run))
         doubts = ''.join(f'; {remark}' for remark in fit.run.remarks)
         self._level = WARN if doubts else OK
         self._last = plain(f'run {run_id} is evaluated, {fit.run.size} ball centres{doubts}', most=2000)
@@ -151,16 +135,8 @@ class Evaluator(CellNode):
         self.get_logger().info(diagnosis.verdict)
         return diagnosis
 
-    def _publish_again(self, run_id: str, now: float) -> None:
-        """Publish the same results again: nodes do not use what is published before they know who publishes it."""
-        last = self._results
-        if run_id == last.run_id and now - last.published >= SETTLING:
-            self._results = last._replace(published=now)
-            for publisher, message in last.messages:
-                publisher.publish(message)
-
-    def _publish(self, fit: Fit, diagnosis: Diagnosis | None) -> tuple[Model, ErrorMotions]:
-        """Publish model and error motions; these come last, since they end a run.
+    def _publish(self, fit: Fit, diagnosis: Diagnosis | None) -> ErrorMotions:
+        """Publish model and error motions, and return these, which come last, since they end a run.
 
         diagnosis: that is published already, None where none is."""
         stamp = self.now().to_msg()
@@ -169,13 +145,15 @@ class Evaluator(CellNode):
         motions.diagnosed, motions.readings_hash = diagnosis is not None, self._in_use.readings_hash(fit.run.run_id)
         if diagnosis is not None:
             motions.outcome, motions.verdict, motions.action = diagnosis.outcome, diagnosis.verdict, diagnosis.action
-        self._model_out.publish(model)
-        self._motions_out.publish(motions)
-        return model, motions
+        self.say(self._model_out, model)
+        self.say(self._motions_out, motions)
+        return motions
 
     def _diagnose(self, run_id: str = '') -> Diagnosis:
-        message = conversions.diagnosis_message(*self._in_use.diagnose(run_id), self.now().to_msg())
-        self._diagnosis_out.publish(message)
+        run, diagnosis = self._in_use.diagnose(run_id)
+        message = conversions.diagnosis_message(run, diagnosis, self.now().to_msg())
+        message.readings_hash = self._in_use.readings_hash(run.run_id)
+        self.say(self._diagnosis_out, message)
         return message
 
     def _report_failure(self, run_id: str, reason: str) -> None:
@@ -215,7 +193,7 @@ class Evaluator(CellNode):
             diagnosis = self._diagnose(change.run.run_id)
         except RosetteError as error:
             response.message += f'; not diagnosed: {error}'
-        _, response.error_motions = self._publish(change.after, diagnosis)
+        response.error_motions = self._publish(change.after, diagnosis)
         self.get_logger().info(response.message)
 
     def health(self) -> Health:

@@ -1,50 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What /diagnostics and the graph say about a cell: which nodes are present, settled, disconnected, restarted.
+"""Who has which role in a cell, as /diagnostics and the graph show it: which nodes are there, disconnected, restarted.
 
-A node whose status stays away, or whose publisher is taken down, is disconnected; the name of the process in the status
-tells a restarted node from the one before. A CMM without such a status is judged by its publishers and subscriptions
-alone."""
+The process that is heard first has a role until its statuses stay away: what another one says does not count. A node
+whose status stays away, or whose publisher is taken down, is disconnected. A CMM without such a status is judged by its
+publishers and subscriptions alone."""
 
 import os
+import socket
 import threading
 import time
-import uuid
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.time import Time
 from std_msgs.msg import Header
 
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.graph_node import UNNAMED, name_of
 
-if TYPE_CHECKING:
-    from rosette_ros.nodes.base_node import CellNode
-    from rosette_ros.nodes.node_requests import RecorderLink
-
-PROCESS, PROBLEM, HEARS, BUSY_S = 'process', 'problem', 'hears', 'busy_s'
-"""Values of a node's status: the unique name of its process; why it cannot work, empty while it can; `process` of the
-nodes whose statuses it receives; s, since it called something back."""
+PROCESS, PROBLEM, HEARS, BUSY_S, UP_S = 'process', 'problem', 'hears', 'busy_s', 'up_s'
+"""Values of a node's status: the unique name of its process, which ends with the part of its GIDs that all have in
+common; why it cannot work, empty while it can; `process` of the nodes whose statuses it receives; s, since it called
+something back; s, since it began, or stood still for so long that another one may have its role."""
 BETWEEN = '; '
 _LONGEST_STEP = 0.4  # between two looks for statuses: longer, and the node that looks stood still, s
 _PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
-_NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
-BUSY = 2.0  # a node that has called nothing back for this time is told in /diagnostics, s
-RESTART = f'wait {1.5 * qos.STATUS_HANGS:g} s for rosette cell to restart it, or restart it'
 SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
-
-
-def target_subscriptions(node: Node) -> list[Any]:
-    """Return the subscriptions to targets of CMMs: of the processes that publish ball centres.
-
-    Recorder, evaluator, studio and other observers subscribe too. Where no process does both, all but the cell's own
-    are returned: a CMM may be two processes."""
-    targets, centres = map(node.resolve_topic_name, (names.PROBE_TARGET, names.BALL_CENTRE))
-    answering = {process_of(info.endpoint_gid) for info in node.get_publishers_info_by_topic(centres)}
-    infos = node.get_subscriptions_info_by_topic(targets)
-    return [info for info in infos if process_of(info.endpoint_gid) in answering] or [
-        info for info in infos if info.node_name not in (names.RECORDER, names.EVALUATOR)]
 
 
 def process_of(gid: Any) -> bytes:
@@ -62,13 +46,18 @@ class StatusPublisher:
 
     hears: `process` of the nodes whose status is received."""
 
-    def __init__(self, node: 'CellNode') -> None:
-        self._node, self._name = node, node.get_name()
-        self.process = f'{started(self._name, os.getpid())}{uuid.uuid4().hex[:12]}'
+    def __init__(self, node: Node, now: Callable[[], Time]) -> None:
+        """Publish nothing yet; now: returns the ROS time."""
+        self._node, self._now = node, now
         self._problem = ''
         self.hears: tuple[str, ...] = ()
         self._state: tuple[bytes, str, Mapping[str, object]] = DiagnosticStatus.OK, 'starting', {}
+        name = node.get_fully_qualified_name()
+        others = _gids(node, name)
         self._publisher = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STATUS)
+        own = process_of(next(iter(_gids(node, name) - others))).hex()
+        self.process = f'{started(node.get_name(), os.getpid())}on {socket.gethostname()} {own}'
+        self._began = self._published = time.monotonic()
         self._served, self._is_ended = 0.0, threading.Event()
         self._thread = threading.Thread(target=self._run, name='status', daemon=True)
 
@@ -91,14 +80,21 @@ class StatusPublisher:
 
     def publish(self) -> None:
         """Publish one."""
-        level, sentence, values = self._state
-        busy = time.monotonic() - self._served if self._served else 0.0
-        own = {PROCESS: self.process, PROBLEM: self._problem, HEARS: BETWEEN.join(self.hears), BUSY_S: f'{busy:.1f}'}
-        self._publisher.publish(DiagnosticArray(header=Header(stamp=self._node.now().to_msg()), status=[
+        (level, sentence, values), now = self._state, time.monotonic()
+        self._began, self._published = now if now - self._published > qos.STATUS_LOST else self._began, now
+        busy = now - self._served if self._served else 0.0
+        own = {PROCESS: self.process, PROBLEM: self._problem, HEARS: BETWEEN.join(self.hears), BUSY_S: f'{busy:.1f}',
+               UP_S: f'{self.up:.3f}'}
+        self._publisher.publish(DiagnosticArray(header=Header(stamp=self._now().to_msg()), status=[
             DiagnosticStatus(
                 level=level, name=self._node.get_fully_qualified_name()[1:], message=sentence,
                 hardware_id=self._node.get_namespace()[1:],
                 values=[KeyValue(key=key, value=str(value)) for key, value in {**values, **own}.items()])]))
+
+    @property
+    def up(self) -> float:
+        """How long it has run without standing still, s."""
+        return time.monotonic() - self._began
 
     def end(self) -> None:
         """Publish no more; called before the node is destroyed."""
@@ -118,25 +114,61 @@ def values_of(status: DiagnosticStatus) -> dict[str, str]:
 
 
 class NodeMonitor:
-    """What the statuses of another node of the cell say.
+    """The node that has a role in the cell, as the statuses under its name say.
 
-    process: that of the last status, '' before the first; problem, hears, busy: as there."""
+    process: that has the role, or had it last, '' before the first; on_change: called when another process has taken
+    it; values: of its last status; problem, hears, busy: as there."""
 
     def __init__(self, node: Node, peer: str) -> None:
         self._node, self.peer = node, peer
-        self._received: dict[str, float] = {}
+        self.on_change: Callable[[], object] = lambda: None
+        self._received: dict[str, tuple[float, float]] = {}  # when, and how long each process had run then
         self._heard: set[str] = set()  # since the last process began
+        self._kept: dict[str, tuple[str, Callable[[], object]]] = {}
+        self._strangers: dict[str, tuple[float, str]] = {}
         self._waited, self._last, self._watched = 0.0, 0.0, time.monotonic()
         self.process, self.problem, self.hears, self.busy = '', '', tuple[str, ...](), 0.0
+        self.values: Mapping[str, str] = {}
 
-    def watch(self) -> None:
-        """Forget processes whose statuses stay away; called every WAKE_PERIOD.
+    def admit(self, process: str, topic: str, use: Callable[[], object]) -> None:
+        """Call `use` for what a process says on a topic: now where it has the role, or once it has taken it."""
+        if process == self.process if self.process else process.startswith(f'{self.peer} '):
+            use()
+        else:
+            self._keep(process, topic, use)
 
-        While this node itself stands still, statuses wait for it: that time does not count."""
+    def _keep(self, process: str, topic: str, use: Callable[[], object]) -> None:
+        self._kept[topic] = process, use
+        if topic not in self._strangers:
+            infos = [] if process else self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+            whose = {name_of(one) for one in infos} - {self._name}
+            who = process.rpartition(' ')[0] or ' and '.join(sorted(whose)) or UNNAMED
+            self._strangers[topic] = self._waited, f'what {who} publishes on {topic} is not used: it is not the ' + (
+                f'{self.peer} of this cell' + f', {self.process.rpartition(" ")[0]} is' * bool(self.process))
+
+    def elder(self, own: StatusPublisher) -> str:
+        """Return another process of this name that runs, and has run for longer than this one; '' where none does."""
+        others = [process for process, (at, up) in self._received.items()
+                  if process != own.process and up + self._waited - at > own.up]
+        return others[0] if others and self.peer in names.SINGLE and len(self.publishers()) > 1 else ''
+
+    def is_of(self, gid: bytes) -> bool:
+        """Return whether an endpoint, by its GID, is one of the process that has the role."""
+        return self.process in self._received and self.process.endswith(process_of(gid).hex())
+
+    def watch(self) -> list[str]:
+        """Forget processes whose statuses stay away; return, once, in words who says something and has not the role.
+
+        That is none which takes it just now. While this node itself stands still, statuses wait for it: that time does
+        not count."""
         now = time.monotonic()
         self._waited, self._watched = self._waited + min(now - self._watched, _LONGEST_STEP), now
-        self._received = {process: at for process, at in self._received.items()
+        self._received = {process: (at, up) for process, (at, up) in self._received.items()
                           if self._waited - at < qos.STATUS_LOST}
+        told = {topic: words for topic, (since, words) in self._strangers.items()
+                if words and self._waited - since > qos.STATUS_LOST and self.process in ('', *self._received)}
+        self._strangers |= dict.fromkeys(told, (now, ''))
+        return list(told.values())
 
     def count(self) -> int:
         """Return how many processes publish a status under this name now.
@@ -158,7 +190,7 @@ class NodeMonitor:
     @property
     def is_late(self) -> bool:
         """Whether a status is overdue, of any process, of which is not yet known whether it stays away."""
-        return self.count() > 0 and self._waited - min(self._received.values()) > qos.STATUS_LATE
+        return self.count() > 0 and self._waited - min(self._received.values())[0] > qos.STATUS_LATE
 
     def running(self) -> int:
         """Return how many processes run, those counted that have published no status yet."""
@@ -168,20 +200,43 @@ class NodeMonitor:
         """Return the publishers of the status on the graph, also those of processes that were killed just now.
 
         One whose node has no name yet may be one of them."""
-        whose = f'{self._node.get_namespace().rstrip("/")}/{self.peer}', UNNAMED
-        return [one for one in self._node.get_publishers_info_by_topic(names.DIAGNOSTICS) if name_of(one) in whose]
+        return [one for one in self._node.get_publishers_info_by_topic(names.DIAGNOSTICS)
+                if name_of(one) in (self._name, UNNAMED)]
+
+    @property
+    def _name(self) -> str:
+        return f'{self._node.get_namespace().rstrip("/")}/{self.peer}'
 
     def receive(self, values: Mapping[str, str]) -> None:
-        """Take a status, by its values; one that names no process is of another program."""
-        if not values.get(PROCESS):
+        """Take a status, by its values; one that names no process is of another program.
+
+        Where no process has the role, this one takes it if the graph shows a node of this name."""
+        if not (process := values.get(PROCESS)):
             return
-        self.process, self.problem = values[PROCESS], values.get(PROBLEM, '')
-        self.hears = tuple(filter(None, values.get(HEARS, '').split(BETWEEN)))
-        self.busy = _number(values.get(BUSY_S, ''))
-        if self.process not in self._received:
+        if self.process not in self._received and process != self.process and self.publishers():
+            before, self.process = self.process, process
+            kept, self._kept, self._strangers = self._kept, {}, {}
+            if before:
+                self.on_change()
+            for sender, use in kept.values():
+                if sender == process:
+                    use()
+        if process not in self._received:
             self._heard.clear()
-        self._heard.add(self.process)
-        self._received[self.process] = self._last = self._waited
+        if process == self.process or self.peer not in names.SINGLE:
+            self._heard.add(process)
+        self._last, self._received[process] = self._waited, (self._waited, _number(values.get(UP_S, '')))
+        if process != self.process:
+            self._keep(process, names.DIAGNOSTICS, lambda: None)
+            return
+        self.values, self.problem, self.busy = values, values.get(PROBLEM, ''), _number(values.get(BUSY_S, ''))
+        self.hears = tuple(filter(None, values.get(HEARS, '').split(BETWEEN)))
+
+
+def _gids(node: Node, name: str) -> set[bytes]:
+    """Return the endpoints by which nodes of this name publish statuses."""
+    return {bytes(one.endpoint_gid) for one in node.get_publishers_info_by_topic(names.DIAGNOSTICS)
+            if name_of(one) == name}
 
 
 def _number(text: str) -> float:
@@ -201,16 +256,22 @@ class NodeMonitors:
     def of(self, peer: str) -> NodeMonitor:
         """Return the monitor of a node in the same namespace."""
         if not self._monitors:
-            self._node.create_subscription(DiagnosticArray, names.DIAGNOSTICS, self._receive, qos.STATUSES)
+            self._statuses = self._node.create_subscription(
+                DiagnosticArray, names.DIAGNOSTICS, self._receive, qos.STATUSES)
         name = f'{self._node.get_namespace()}/{peer}'.lstrip('/')
         if name not in self._monitors:
             self._monitors[name] = NodeMonitor(self._node, peer)
         return self._monitors[name]
 
-    def watch(self) -> None:
-        """Forget processes whose statuses stay away; called every WAKE_PERIOD."""
-        for monitor in self._monitors.values():
-            monitor.watch()
+    def watch(self) -> list[str]:
+        """Watch all; called every WAKE_PERIOD."""
+        return [words for monitor in self._monitors.values() for words in monitor.watch()]
+
+    def take(self) -> None:
+        """Take the statuses that have come, while no executor does."""
+        with self._statuses.handle:
+            while taken := self._statuses.handle.take_message(DiagnosticArray, False):
+                self._receive(taken[0])
 
     def _receive(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -218,147 +279,89 @@ class NodeMonitors:
                 self._monitors[status.name].receive(values_of(status))
 
 
-class Trouble(NamedTuple):
-    """What keeps a run from going on: nodes that are disconnected or restarted, several publishers of one topic, in
-    words, and whether answers, or perhaps the open target, were not used because of them."""
+class TopicPublishers:
+    """The publishers of a topic whose processes run: while there are two, nothing of it is used.
 
-    gone: list[str]
-    restarted: list[str]
-    conflict: str
-    has_ignored: bool
+    rclpy does not say which publisher a message came from, but a publisher is known before its first message is
+    delivered. The publisher of a process that was killed stays on the graph for up to 20 s; statuses tell it apart.
 
-    @property
-    def nodes(self) -> list[str]:
-        """The nodes that are disconnected or restarted."""
-        return list(dict.fromkeys(self.gone + self.restarted))
+    peer: monitor of the node that publishes it; is_idle: of an endpoint (GID), whether it does not count beside others;
+    running: all endpoints; found: those that count; used: that of the last one that was alone; is_single: whether
+    messages are used; ignored: number of messages that were not, without a subscription how often there were two."""
 
-    def __str__(self) -> str:
-        """Return it in words, '' where there is none."""
-        if self.nodes:
-            return f'{" and ".join(f"the {_NODE_WORDS[name]}" for name in self.nodes)} is disconnected'
-        others = f'another node has published {names.BALL_CENTRE} or {names.PROBE_TARGET}'
-        return self.conflict or others * self.has_ignored
+    def __init__(self, node: Node, topic: str, peer: NodeMonitor) -> None:
+        """Start without a publisher."""
+        self._node, self._peer = node, peer
+        self.is_idle: Callable[[bytes], bool] = lambda gid: False
+        self.topic = node.resolve_topic_name(topic)
+        self._subscription: Subscription | None = None
+        self.running, self.found, self.used = frozenset[bytes](), frozenset[bytes](), frozenset[bytes]()
+        self.is_single, self.ignored = True, 0
+        self._names: dict[bytes, str] = {}
+        self._first_seen: dict[bytes, float] = {}
+        self._matched, self._peers = 0, 0
 
+    def judge(self, subscription: Subscription) -> None:
+        """Take note of the subscription whose messages `admits` judges."""
+        self._subscription = subscription
 
-class CellMonitor:
-    """The nodes that a calibration needs, as the graph and their statuses describe them.
+    def admits(self) -> bool:
+        """Return whether a message that was delivered just now may be used.
 
-    status: what the cell lacks, or that it is complete, in words."""
-
-    def __init__(self, node: 'CellNode', recorder: 'RecorderLink') -> None:
-        self._node, self._recorder = node, recorder
-        self._monitors = {name: node.monitor(name) for name in names.NODES}
-        self._publishers_of = {topic: node.publishers_of(topic) for topic in names.PUBLISHERS}
-        self._complete_since: float | None = None
-        self._endpoints: frozenset[bytes] = frozenset()
-        self.status = self._logged = ''
-        self._status_since = 0.0
-
-    def missing(self, with_recorder: bool) -> list[str]:
-        """Return what the cell lacks for a calibration, in words."""
-        node = self._node
-        missing = ['the CMM is being tried (rosette check-cmm)' if one.is_tried else
-                   f'{one.conflict}: wanted one in this domain and namespace; is another cell running? Give each its '
-                   'own (--domain, --namespace)' for one in self._publishers_of.values() if one.conflict]
-        if not (self._publishers_of[names.BALL_CENTRE].found and target_subscriptions(node)):
-            missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
-                           f'{names.BALL_CENTRE}, got none; '
-                           f'{self._remedy(names.CMM, "start simulated_cmm or connect a CMM")}')
-        elif not node.has_time():
-            missing.append('no time: with use_sim_time the CMM publishes /clock, none was received')
-        if not self._publishers_of[names.ERROR_MOTIONS].found:
-            missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; '
-                           f'{self._remedy(names.EVALUATOR, "start it")}')
-        if with_recorder and (self._is_disconnected(names.RECORDER) or not self._recorder.is_there):
-            missing.append(f'no recorder: wanted its service {names.START_RECORDING}, got none; '
-                           f'{self._remedy(names.RECORDER, "start it, or set require_recorder to false")}')
-        return missing
-
-    def _remedy(self, name: str, words: str) -> str:
-        """Return what to do where a node is missing: `words`, unless it was there."""
-        return f'it has ended or hangs: {RESTART}' if self._is_disconnected(name) else words
-
-    def update(self, now: float, with_recorder: bool) -> None:
-        """Check which nodes are present; log what the cell lacks, and when it has become complete and settled.
-
-        What it lacks is logged after SETTLING s: while nodes discover each other it changes at every moment."""
-        lacks = '; '.join(self.missing(with_recorder))
-        endpoints = self._find_endpoints()
-        if lacks or endpoints - self._endpoints:  # those of a node that was killed leave long after it
-            self._complete_since = None
-        self._endpoints = endpoints
-        if not lacks and self._complete_since is None:
-            self._complete_since = now
-        status = lacks or (names.COMPLETE if self.is_settled(now) else 'the nodes are getting connected')
-        if status != self.status:
-            self.status, self._status_since = status, now
-        if status != self._logged and (not lacks or now - self._status_since >= SETTLING):
-            log, was_complete, self._logged = self._node.get_logger(), self._logged == names.COMPLETE, status
-            if lacks and was_complete and not any(one.is_tried for one in self._publishers_of.values()):
-                log.warning(status)
-            else:
-                log.info(status)
-
-    def is_settled(self, now: float) -> bool:
-        """Return whether all nodes have been present long enough, and the recorder receives from all of them."""
-        return self._complete_since is not None and now - self._complete_since >= SETTLING and self._is_recorded()
-
-    def _is_recorded(self) -> bool:
-        """Return whether the recorder receives the statuses of the others; a node without one is left out."""
-        recorder = self._monitors[names.RECORDER]
-        others = {monitor.process for name, monitor in self._monitors.items()
-                  if name != names.RECORDER and monitor.process and not monitor.is_disconnected}
-        return not recorder.process or recorder.is_disconnected or others <= set(recorder.hears)
-
-    def processes(self) -> dict[str, str]:
-        """Return what serves a run now, by node: the CMM by its endpoint, a recorder by its process."""
-        recorder = self._monitors[names.RECORDER].process
-        answers = b''.join(self._publishers_of[names.BALL_CENTRE].used).hex()
-        return {names.CMM: answers, **({names.RECORDER: recorder} if recorder else {})}
-
-    def trouble(self, processes: dict[str, str], ignored: int) -> 'Trouble':
-        """Return what keeps a run from going on; processes, ignored: as it was asked last."""
-        answers, now = self._publishers_of[names.BALL_CENTRE], self.processes()
-        is_gone = {names.CMM: not answers.found & answers.used, names.RECORDER: self._is_disconnected(names.RECORDER)}
-        return Trouble([name for name in processes if is_gone[name]],
-                       [name for name, process in processes.items() if now.get(name) != process],
-                       '; '.join(self.conflicts()), self.ignored != ignored)
-
-    def has_new_recorder(self, processes: dict[str, str]) -> bool:
-        """Return whether another recorder is there than that of a run."""
-        return names.RECORDER in self.trouble(processes, self.ignored).restarted
-
-    def conflicts(self, publisher: str = '') -> list[str]:
-        """Return which topics of a run have several publishers, in words; publisher: of this node, '' of any."""
-        return [one.conflict for topic, one in self._publishers_of.items()
-                if one.conflict and publisher in ('', names.PUBLISHERS[topic])]
+        That a second publisher has left is seen by `watch` only: until then what it had published is delivered."""
+        if self._count() > self._matched:
+            self.look()
+        self.ignored += not self.is_single
+        return self.is_single
 
     @property
-    def ignored(self) -> int:
-        """Number of answers that were not used because another node published, or of targets that may not be."""
-        return sum(self._publishers_of[topic].ignored for topic in (names.BALL_CENTRE, names.PROBE_TARGET))
+    def conflict(self) -> str:
+        """That more than one node publishes the topic, in words; '' where it is not so."""
+        if len(self.found) < 2:
+            return ''
+        who = ' and '.join(sorted(self._names[gid] for gid in self.found))
+        return f'{len(self.found)} nodes publish {self.topic} ({who})'
 
-    def problems(self, nodes: Iterable[str]) -> str:
-        """Return why nodes that are there cannot do their work, in their own words; '' where all can."""
-        return '; '.join(problem for name in nodes if (problem := self._monitors[name].problem)
-                         and not self._is_disconnected(name))
+    @property
+    def is_tried(self) -> bool:
+        """Whether one of several tries the CMM, which needs no warning; nothing of theirs is used all the same."""
+        return any(self._names[gid].rpartition('/')[2].startswith(f'{names.TRIAL}_') for gid in self.found)
 
-    def is_late(self, name: str) -> bool:
-        """Return whether it shows within a second whether this node is disconnected."""
-        return self._monitors[name].is_late
+    def watch(self) -> None:
+        """Look where something may have changed; call it often."""
+        is_plain = self.is_single and len(self.found) == len(self._names) < 2 and self._peers >= len(self.found)
+        if not is_plain or (self._count(), self._peer.running()) != (self._matched, self._peers):
+            self.look()
 
-    def busy(self) -> list[str]:
-        """Return which present nodes call nothing back: they compute, or they hang."""
-        return [f'{name} has answered nothing for more than {BUSY:g} s: it computes, hangs or lacks processor time'
-                for name, monitor in self._monitors.items() if monitor.busy > BUSY and not monitor.is_disconnected]
+    def look(self) -> None:
+        """Find out which publishers there are."""
+        self._matched, self._peers = self._count(), self._peer.running()
+        self.running = self._find(time.monotonic())
+        self.found = frozenset(gid for gid in self.running if not self.is_idle(gid)) or self.running
+        self.used = self.found if len(self.found) == 1 else self.used
+        self.ignored += self._subscription is None and self.is_single and len(self.found) > 1
+        # a publisher is matched a moment before it is on the graph, and its first message may be there by then
+        self.is_single = len(self.found) < 2 and (self._subscription is None or self._matched <= len(self._names))
 
-    def _is_disconnected(self, name: str) -> bool:
-        return self._monitors[name].is_disconnected
+    def _count(self) -> int:
+        subscription = self._subscription
+        return self._node.count_publishers(self.topic) if subscription is None else subscription.get_publisher_count()
 
-    def _find_endpoints(self) -> frozenset[bytes]:
-        """Return the endpoints of the cell's main topics: those of a restarted node are others."""
-        node = self._node
-        centres, motions = map(node.resolve_topic_name, (names.BALL_CENTRE, names.ERROR_MOTIONS))
-        infos = (*node.get_publishers_info_by_topic(centres), *node.get_publishers_info_by_topic(motions),
-                 *node.get_subscriptions_info_by_topic(centres))
-        return frozenset(bytes(info.endpoint_gid) for info in infos)
+    def _find(self, now: float) -> frozenset[bytes]:
+        """Return the publishers whose process runs: without a status all, with one that of the process that has the
+        role, unless two are heard.
+
+        Where that is not known, as many as are heard. Those that were found last are taken to run: a new one is never
+        mistaken for one that has ended, nor before its first status is received."""
+        infos: list[Any] = self._node.get_publishers_info_by_topic(self.topic)
+        self._names = {bytes(one.endpoint_gid): name_of(one) for one in infos}
+        self._first_seen = {gid: self._first_seen.get(gid, now) for gid in self._names}
+        beating = {process_of(one.endpoint_gid) for one in self._peer.publishers()}
+        found = sorted(self._names, key=lambda gid: self._first_seen[gid])
+        with_status = [gid for gid in found if process_of(gid) in beating]
+        is_new = any(now - self._first_seen[gid] < qos.STATUS_LOST for gid in with_status[-1:])
+        own = [gid for gid in with_status if self._peer.is_of(gid)]
+        ended = with_status[:max(len(with_status) - max(self._peers, is_new), 0)]
+        if own and self._peers < 2:
+            ended = [gid for gid in with_status if gid not in own]
+        return frozenset(self._names) - frozenset(ended)

@@ -66,7 +66,7 @@ class RunContents:
 
     _IDENTITIES: ClassVar[dict[type, Callable[[Any], Hashable]]] = {  # what tells messages of one type and run apart
         msg.RunState: lambda message: message.phase, msg.CalibrationEvent: lambda message: message.kind,
-        msg.Model: lambda message: message.hash, msg.Diagnosis: lambda message: None,
+        msg.Model: lambda message: message.hash, msg.Diagnosis: lambda message: message.readings_hash,
         StopRecording.Event: lambda message: message.info.event_type,
         msg.ErrorMotions: lambda message: nanoseconds(message.header.stamp)}
     KINDS = (msg.ProbeTarget, msg.BallCentre, TFMessage, *_IDENTITIES)
@@ -127,7 +127,7 @@ class RunContents:
             wanted_too[msg.ErrorMotions, nanoseconds(wanted.error_motions)] = 'the error motions'
             wanted_too[msg.Model, wanted.model_hash] = 'the model'
             if wanted.diagnosis:
-                wanted_too[msg.Diagnosis, None] = 'the diagnosis'
+                wanted_too[msg.Diagnosis, wanted.readings_hash] = 'the diagnosis'
         else:
             missing += [f'{wanted.answers - answers.answered} answers'] * (answers.answered < wanted.answers)
             wanted_too[StopRecording.Event, ServiceEventInfo.REQUEST_RECEIVED] = 'this request'
@@ -318,6 +318,12 @@ def recall(folder: Path, library: TypeLibrary) -> Recall.Response:
     if not is_closed:
         response.events = [event for event in response.events if event.kind != CalibrationEvent.SUCCEEDED]
     return response
+
+
+def key_of(message: Any) -> tuple[int, ...]:
+    """Return what tells the ProbeTargets, and the BallCentres, of a run apart."""
+    return (message.seq, message.session, message.attempt) if isinstance(message, msg.ProbeTarget) else (
+        message.seq, nanoseconds(message.header.stamp))
 
 
 def iter_copied(folder: Path) -> Iterator[tuple[str, LoggedMessage]]:

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 
 SEQUENCER, CMM, EVALUATOR, RECORDER = 'sequencer', 'cmm', 'evaluator', 'recorder'
 NODES = (SEQUENCER, CMM, EVALUATOR, RECORDER)
+SINGLE = (SEQUENCER, EVALUATOR, RECORDER)
+"""Nodes that end where another one of their name runs; while there are two CMMs, neither is used."""
 NEEDED = (CMM, RECORDER)
 """Nodes whose problems prevent a calibration; a problem of the evaluator is one of a single run."""
 NAMESPACE = 'rosette'
@@ -16,9 +18,10 @@ PROBE_TARGET, BALL_CENTRE, TOUCHES = 'probe_target', 'ball_centre', 'touches'
 ERROR_MOTIONS, MODEL, DIAGNOSIS = 'error_motions', 'model', 'diagnosis'
 RUN, RUN_STATE, CALIBRATION_EVENT = 'run', 'run_state', 'calibration_event'
 
-PUBLISHERS = {PROBE_TARGET: SEQUENCER, RUN: SEQUENCER, RUN_STATE: SEQUENCER, BALL_CENTRE: CMM, TOUCHES: CMM,
-              ERROR_MOTIONS: EVALUATOR, MODEL: EVALUATOR, DIAGNOSIS: EVALUATOR}
-"""The one node that publishes each topic of a run; what another one publishes there is not used."""
+PUBLISHERS = {PROBE_TARGET: SEQUENCER, BALL_CENTRE: CMM, TOUCHES: CMM}
+"""The one node that publishes each topic of a run; while another one does, too, nothing there is used."""
+SIGNED = {RUN: SEQUENCER, RUN_STATE: SEQUENCER, ERROR_MOTIONS: EVALUATOR, MODEL: EVALUATOR, DIAGNOSIS: EVALUATOR}
+"""Likewise, where messages name the process that publishes them: those of another one are not used."""
 
 CALIBRATE, CALIBRATE_FEEDBACK, CALIBRATE_STATUS = 'calibrate', 'calibrate/_action/feedback', 'calibrate/_action/status'
 START_CALIBRATION, CANCEL_CALIBRATION = 'start_calibration', 'cancel_calibration'

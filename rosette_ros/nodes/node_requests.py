@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Requests of the sequencer to recorder, evaluator and CMM."""
+"""What the sequencer knows of recorder, evaluator and CMM, and what it requests of them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
+from rclpy.node import Node
 from rclpy.task import Future
 from rosette_msgs.msg import CalibrationEvent, ProbeTarget
 from rosette_msgs.srv import CheckPlan, Recall, Recorded, StartRecording, StopRecording
@@ -15,14 +16,18 @@ from rosette_msgs.srv import CheckPlan, Recall, Recorded, StartRecording, StopRe
 from rosette_ros.calibration.state_machine import Sequence
 from rosette_ros.core.errors import CellError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
-from rosette_ros.nodes import conversions, names
+from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import WAKE_PERIOD, CellNode
 from rosette_ros.nodes.interfaces import introspected_client
+from rosette_ros.nodes.liveliness import SETTLING, process_of
 
 END_EVENTS: dict[int, int] = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
                               Phase.FAILED: CalibrationEvent.FAILED}
 _PLAN_TIMEOUT = 30.0  # for the answer, s; the ways around 72 balls at all table positions take some seconds
 _AT_ONCE = 1000  # targets that are made at a time, between which the node answers others
+_NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
+BUSY = 2.0  # a node that has called nothing back for this time is told in /diagnostics, s
+RESTART = f'wait {1.5 * qos.STATUS_HANGS:g} s for rosette cell to restart it, or restart it'
 RECALL_TIMEOUT = 60.0  # how long the recorder may read in its logs, s
 
 
@@ -216,3 +221,153 @@ class PlanCheck:
         for index in range(plan.total):
             target = plan.placed(plan.target(index), plan.taught, MACHINE_FRAME)
             yield conversions.target_message(target._replace(run_id=sequence.run_id), stamp)
+
+
+def target_subscriptions(node: Node) -> list[Any]:
+    """Return the subscriptions to targets of CMMs: of the processes that publish ball centres.
+
+    Recorder, evaluator, studio and other observers subscribe too. Where no process does both, all but the cell's own
+    are returned: a CMM may be two processes."""
+    targets, centres = map(node.resolve_topic_name, (names.PROBE_TARGET, names.BALL_CENTRE))
+    answering = {process_of(info.endpoint_gid) for info in node.get_publishers_info_by_topic(centres)}
+    infos = node.get_subscriptions_info_by_topic(targets)
+    return [info for info in infos if process_of(info.endpoint_gid) in answering] or [
+        info for info in infos if info.node_name not in (names.RECORDER, names.EVALUATOR)]
+
+
+class Trouble(NamedTuple):
+    """What keeps a run from going on: nodes that are disconnected or restarted, several publishers of one topic, in
+    words, and whether answers, or perhaps the open target, were not used because of them."""
+
+    gone: list[str]
+    restarted: list[str]
+    conflict: str
+    has_ignored: bool
+
+    @property
+    def nodes(self) -> list[str]:
+        """The nodes that are disconnected or restarted."""
+        return list(dict.fromkeys(self.gone + self.restarted))
+
+    def __str__(self) -> str:
+        """Return it in words, '' where there is none."""
+        if self.nodes:
+            return f'{" and ".join(f"the {_NODE_WORDS[name]}" for name in self.nodes)} is disconnected'
+        others = f'another node has published {names.BALL_CENTRE} or {names.PROBE_TARGET}'
+        return self.conflict or others * self.has_ignored
+
+
+class CellMonitor:
+    """The nodes that a calibration needs, as the graph and their statuses describe them.
+
+    status: what the cell lacks, or that it is complete, in words."""
+
+    def __init__(self, node: CellNode, recorder: RecorderLink) -> None:
+        self._node, self._recorder = node, recorder
+        self._monitors = {name: node.monitor(name) for name in names.NODES}
+        self._publishers_of = {topic: node.publishers_of(topic) for topic in names.PUBLISHERS}
+        self._complete_since: float | None = None
+        self._endpoints: frozenset[bytes] = frozenset()
+        self.status = self._logged = ''
+        self._status_since = 0.0
+
+    def missing(self, with_recorder: bool) -> list[str]:
+        """Return what the cell lacks for a calibration, in words."""
+        node = self._node
+        missing = ['the CMM is being tried (rosette check-cmm)' if one.is_tried else
+                   f'{one.conflict}: wanted one in this domain and namespace; is another cell running? Give each its '
+                   'own (--domain, --namespace)' for one in self._publishers_of.values() if one.conflict]
+        if not (self._publishers_of[names.BALL_CENTRE].found and target_subscriptions(node)):
+            missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
+                           f'{names.BALL_CENTRE}, got none; '
+                           f'{self._remedy(names.CMM, "start simulated_cmm or connect a CMM")}')
+        elif not node.has_time():
+            missing.append('no time: with use_sim_time the CMM publishes /clock, none was received')
+        if not node.count_publishers(names.ERROR_MOTIONS) or self._is_disconnected(names.EVALUATOR):
+            missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; '
+                           f'{self._remedy(names.EVALUATOR, "start it")}')
+        if with_recorder and (self._is_disconnected(names.RECORDER) or not self._recorder.is_there):
+            missing.append(f'no recorder: wanted its service {names.START_RECORDING}, got none; '
+                           f'{self._remedy(names.RECORDER, "start it, or set require_recorder to false")}')
+        return missing
+
+    def _remedy(self, name: str, words: str) -> str:
+        """Return what to do where a node is missing: `words`, unless it was there."""
+        return f'it has ended or hangs: {RESTART}' if self._is_disconnected(name) else words
+
+    def update(self, now: float, with_recorder: bool) -> None:
+        """Check which nodes are present; log what the cell lacks, and when it has become complete and settled.
+
+        What it lacks is logged after SETTLING s: while nodes discover each other it changes at every moment."""
+        lacks = '; '.join(self.missing(with_recorder))
+        endpoints = self._find_endpoints()
+        if lacks or endpoints - self._endpoints:  # those of a node that was killed leave long after it
+            self._complete_since = None
+        self._endpoints = endpoints
+        if not lacks and self._complete_since is None:
+            self._complete_since = now
+        status = lacks or (names.COMPLETE if self.is_settled(now) else 'the nodes are getting connected')
+        if status != self.status:
+            self.status, self._status_since = status, now
+        if status != self._logged and (not lacks or now - self._status_since >= SETTLING):
+            log, was_complete, self._logged = self._node.get_logger(), self._logged == names.COMPLETE, status
+            if lacks and was_complete and not any(one.is_tried for one in self._publishers_of.values()):
+                log.warning(status)
+            else:
+                log.info(status)
+
+    def is_settled(self, now: float) -> bool:
+        """Return whether all nodes have been present long enough, and the recorder receives from all of them."""
+        return self._complete_since is not None and now - self._complete_since >= SETTLING and self._is_recorded()
+
+    def _is_recorded(self) -> bool:
+        """Return whether the recorder receives the statuses of the others; a node without one is left out."""
+        recorder = self._monitors[names.RECORDER]
+        others = {monitor.process for name, monitor in self._monitors.items()
+                  if name != names.RECORDER and monitor.process and not monitor.is_disconnected}
+        return not recorder.process or recorder.is_disconnected or others <= set(recorder.hears)
+
+    def processes(self) -> dict[str, str]:
+        """Return what serves a run now, by node: the CMM by its endpoint, a recorder by its process."""
+        recorder = self._monitors[names.RECORDER].process
+        answers = b''.join(self._publishers_of[names.BALL_CENTRE].used).hex()
+        return {names.CMM: answers, **({names.RECORDER: recorder} if recorder else {})}
+
+    def trouble(self, processes: dict[str, str], ignored: int) -> Trouble:
+        """Return what keeps a run from going on; processes, ignored: as it was asked last."""
+        answers, now = self._publishers_of[names.BALL_CENTRE], self.processes()
+        is_gone = {names.CMM: not answers.found & answers.used, names.RECORDER: self._is_disconnected(names.RECORDER)}
+        return Trouble([name for name in processes if is_gone[name]],
+                       [name for name, process in processes.items() if now.get(name) != process],
+                       '; '.join(filter(None, (one.conflict for one in self._publishers_of.values()))),
+                       self.ignored != ignored)
+
+    @property
+    def ignored(self) -> int:
+        """Number of answers that were not used because another node published, or of targets that may not be."""
+        return sum(self._publishers_of[topic].ignored for topic in (names.BALL_CENTRE, names.PROBE_TARGET))
+
+    def problems(self, nodes: Iterable[str]) -> str:
+        """Return why nodes that are there cannot do their work, in their own words; '' where all can."""
+        return '; '.join(problem for name in nodes if (problem := self._monitors[name].problem)
+                         and not self._is_disconnected(name))
+
+    def is_late(self, name: str) -> bool:
+        """Return whether it shows within a second whether this node is disconnected."""
+        return self._monitors[name].is_late
+
+    def busy(self) -> list[str]:
+        """Return which present nodes call nothing back: they compute, or they hang."""
+        return [f'{name} has answered nothing for more than {BUSY:g} s: it computes, hangs or lacks processor time'
+                for name, monitor in self._monitors.items() if monitor.busy > BUSY and not monitor.is_disconnected]
+
+    def _is_disconnected(self, name: str) -> bool:
+        return self._monitors[name].is_disconnected
+
+    def _find_endpoints(self) -> frozenset[bytes]:
+        """Return the endpoints of the cell's main topics: those of a restarted node are others."""
+        node = self._node
+        centres, motions = map(node.resolve_topic_name, (names.BALL_CENTRE, names.ERROR_MOTIONS))
+        infos = (*node.get_publishers_info_by_topic(centres), *node.get_publishers_info_by_topic(motions),
+                 *node.get_subscriptions_info_by_topic(centres))
+        return frozenset(bytes(info.endpoint_gid) for info in infos)

@@ -17,7 +17,7 @@ from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
-from rosette_msgs.msg import CalibrationEvent, ProbeTarget, Run, RunState
+from rosette_msgs.msg import BallCentre, CalibrationEvent, Diagnosis, ProbeTarget, Run, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
@@ -40,6 +40,7 @@ from rosette_ros.nodes.log_session import (
     RunContents,
     find_part,
     iter_copied,
+    key_of,
     next_part,
     recall,
 )
@@ -75,7 +76,7 @@ TOPICS = (
     RecordedTopic(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre'),
     RecordedTopic(names.TOUCHES, 'rosette_msgs/msg/Touches'),
     RecordedTopic(names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', profile=qos.RECORD_LATCHED),
-    RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis'),
+    RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.JOINT_EVALUATION, 'rosette_msgs/msg/JointEvaluation'),
     RecordedTopic(names.RUN, 'rosette_msgs/msg/Run', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.RUN_STATE, 'rosette_msgs/msg/RunState', profile=qos.RECORD_LATCHED),
@@ -122,16 +123,16 @@ class Recorder(CellNode):
         self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] or self._is_simulated else {}
         self._simulated_now = 0
         self._last = 'no log yet'
-        self._processes: dict[str, str] = {}
+        self._filled = set[tuple[int, ...]]()  # what came with the run, and not yet by its own topic
         self._statuses: dict[str, tuple[Any, ...]] = {}  # of each node, as recorded last
         self._subscribed: dict[str, Subscription] = {}
-        self._cell = [f'{self.get_namespace()}/{node}'.lstrip('/') for node in names.NODES]
+        self._nodes = {f'{self.get_namespace()}/{node}'.lstrip('/'): self.monitor(node) for node in names.NODES}
         self._clock_topic, self._rosout_topic = map(self.resolve_topic_name, (names.CLOCK, names.ROSOUT))
         self._kinds = {self.resolve_topic_name(topic.name): interface_class(topic.type_name) for topic in TOPICS}
         self._not_recorded = set() if self._is_simulated else {self._clock_topic}
         for topic in TOPICS if self._is_simulated else (one for one in TOPICS if one.name != names.CLOCK):
             self._record(topic.name, topic.type_name, topic.retention, topic.profile)
-        self.publishers_of(names.RUN_STATE).on_change = self._on_restart
+        self.monitor(names.SEQUENCER).on_change = self._on_restart
         self._discover()
         self.every(1.0, self._discover)
         introspected_service(self, StartRecording, names.START_RECORDING, self._on_start)
@@ -153,8 +154,11 @@ class Recorder(CellNode):
                 return
             log_time = self._simulated_now if self._is_simulated and self._simulated_now else time.time_ns()
             kind = self._kinds.get(topic, object)
-            if (kind in (ProbeTarget, Run) and self._is_of_another_run(decoded(data, kind))) or (
+            if (kind in (ProbeTarget, Run, Diagnosis) and self._is_of_another_run(decoded(data, kind))) or (
                     kind is DiagnosticArray and not self._is_news(decoded(data, kind))):
+                return
+            if self._filled and kind in (ProbeTarget, BallCentre) and key_of(decoded(data, kind)) in self._filled:
+                self._filled.remove(key_of(decoded(data, kind)))
                 return
             message = Message(topic, data, log_time, log_time, self.seconds())
             is_in_log = self._session.take(message) or (self._replace_damaged() and self._session.take(message))
@@ -176,8 +180,6 @@ class Recorder(CellNode):
         for status in message.status:
             process = values_of(status).get(PROCESS, '')
             self._statuses[status.name] = log, status.level, status.message, process
-            if process and status.name in self._cell:
-                self._processes[status.name] = process
         return self._statuses != before
 
     def _handle(self, message: Any) -> None:
@@ -207,8 +209,7 @@ class Recorder(CellNode):
         targets, answers = conversions.answers_of(message).lacking_in(known)
         for topic, data in self._readings(targets, answers):
             self._receive(topic, data)
-        self.get_logger().warning(f'run {message.run_id}: {len(targets)} targets and {len(answers)} answers were not '
-                                  'in its log; they are now, as the sequencer has them')
+            self._filled.add(key_of(decoded(data, self._kinds[topic])))
 
     def _readings(self, targets: Iterable[Target], answers: Iterable[Answer]) -> Iterator[tuple[str, bytes]]:
         """Yield (topic, CDR) of targets and answers."""
@@ -357,16 +358,17 @@ class Recorder(CellNode):
         if not self._is_log_of(request.run_id):
             response.message = f'wanted to close the log of run {plain(request.run_id)}, got {self._open_log}'
             return response
+        session = self._session
         self._replace_damaged()
         self._ending = self._ending or Progress(self.seconds, LAST_MESSAGES)
-        response.missing = [] if self._session.failure else self._contents.missing(request)
+        response.missing = [] if session.failure else self._contents.missing(request)
         missing = f'the log lacks {", ".join(response.missing)}' if response.missing else ''
         if missing and self._ending.is_expected(self._contents.answers.answered):
             response.message = missing
             return response
         response.message = self._close() or missing
-        response.success, response.log = not response.message, str(self._session.directory)
-        response.messages, response.lost = self._session.messages, self._session.lost
+        response.success, response.messages, response.lost = not response.message, session.messages, session.lost
+        response.log = str(session.directory) if session.directory.is_dir() else ''
         return response
 
     def _is_log_of(self, run_id: str) -> bool:
@@ -392,9 +394,8 @@ class Recorder(CellNode):
         self._session.flush(only_if_due=True)
         self.status.report(self._session.failure if self._session.is_open else '')
         is_whole = self._is_connected() and self.has_single_publishers
-        self.status.hears = tuple(self._processes.values()) if is_whole else ()
-        if not self.publishers_of(names.RUN_STATE).is_single:  # while no states are used, none tells that it goes on
-            self._over_since = max(self._over_since, self.seconds())
+        self.status.hears = tuple(one.process for name, one in self._nodes.items() if is_whole and one.process
+                                  and one.process == self._statuses.get(name, ('',))[-1])
         self._close_if_over()
 
     def _is_connected(self) -> bool:
@@ -405,6 +406,9 @@ class Recorder(CellNode):
     def _close(self) -> str:
         """Close the log; return why it is not whole, '' where it is."""
         session = self._session
+        if filled := len(self._filled):
+            self.get_logger().warning(f'run {session.run_id}: {filled} readings came with it alone')
+        self._filled = set()
         try:
             session.close()
         except RosetteError as error:
@@ -429,9 +433,10 @@ class Recorder(CellNode):
     def health(self) -> Health:
         """Return whether a log is open and whether everything is in it."""
         session = self._session
+        values = {'run_id': session.run_id, 'messages': session.messages, 'lost': session.lost,
+                  'log': session.directory, 'topics': len(self._subscribed)}
         if not session.is_open:
-            return OK, f'waiting; {self._last}', {'topics': len(self._subscribed)}
-        values = {'run_id': session.run_id, 'messages': session.messages, 'lost': session.lost}
+            return OK, f'waiting; {self._last}', values
         if session.failure:
             return ERROR, session.failure, values
         return OK, f'recording run {session.run_id}', values

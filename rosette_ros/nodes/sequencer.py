@@ -32,11 +32,12 @@ from rosette_ros.calibration.state_machine import (
 )
 from rosette_ros.core.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, answer_of, nanoseconds
+from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
-from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
-from rosette_ros.nodes.node_requests import END_EVENTS, PlanCheck, RecorderLink, Requests
+from rosette_ros.nodes.liveliness import SETTLING
+from rosette_ros.nodes.node_requests import END_EVENTS, CellMonitor, PlanCheck, RecorderLink, Requests
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
 CELL = (
@@ -55,6 +56,7 @@ class Sequencer(ManagedNode):
         self._job: Job | None = None
         self._next_job: Job | None = None
         self._taken, self._refusal = set[str](), ''
+        self._unfinished: RunAnswers | None = None  # of the last run, where it has not succeeded
         self._last, self._last_level, self._published = 'no run yet', OK, 0.0
         self._states = self.create_publisher(RunState, names.RUN_STATE, qos.STATE)
         self._events = self.create_publisher(CalibrationEvent, names.CALIBRATION_EVENT, qos.EVENT)
@@ -63,7 +65,6 @@ class Sequencer(ManagedNode):
         self._frames = self.create_publisher(TFMessage, names.TF_STATIC, qos.RESULT)
         self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER, from_one=True)
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
-        self.publishers_of(names.ERROR_MOTIONS).on_change = self._on_new_evaluator
         self._recorder, self._joint = RecorderLink(self), Requests(self, names.EVALUATOR)
         self._joint_client = self.create_client(EvaluateJointly, names.EVALUATE_JOINTLY)
         self._cell, self._plan_check = CellMonitor(self, self._recorder), PlanCheck(self)
@@ -72,7 +73,7 @@ class Sequencer(ManagedNode):
         self._action = CalibrateServer(
             self, Calibrate, names.CALIBRATE, execute_callback=lambda goal_handle: None, goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted, cancel_callback=self._on_cancel, result_timeout=3600)
-        self._states.publish(RunState(header=self._header(), phase=int(Phase.IDLE), text='ready'))
+        self.say(self._states, RunState(header=self._header(), phase=int(Phase.IDLE), text='ready'))
         self.autostart()
 
     def destroy_node(self) -> None:
@@ -153,7 +154,7 @@ class Sequencer(ManagedNode):
             raise CellError(f'run {self._job.run_id} is running ({self._job.progress}); wait for its end or cancel it')
         if lacks := self._lacks:
             raise CellError(lacks)
-        return make_job(request, self.parameters.values(CALIBRATION), self._taken, recalled)
+        return make_job(request, self.parameters.values(CALIBRATION), self._taken, recalled, self._unfinished)
 
     def _accept(self) -> None:
         """Accept the job that was prepared: the log first, then the first target."""
@@ -193,20 +194,22 @@ class Sequencer(ManagedNode):
         job.sequence.verifies = job.recording
         if job.is_over:
             self._close(job, end_is_recorded=False)
-        elif response.success and job.sequence.is_held:
-            self._publish_run(job)
-            self._do(job, job.sequence.resume_asking(self.seconds(), restarted=True))
-        elif response.success:
-            self._do(job, job.sequence.begin(self.seconds()))
-        else:
+        elif not response.success:
             self._do(job, job.sequence.fail(f'no log: {response.message}'))
+        else:
+            if job.resumes:  # the log that it continues may lack what the sequencer has
+                self._publish_run(job)
+            self._do(job, job.sequence.resume_asking(self.seconds(), restarted=True) if job.sequence.is_held
+                     else job.sequence.begin(self.seconds()))
 
     def _on_ball_centre(self, message: BallCentre) -> None:
-        job = self._job
-        if job is None or job.is_over:
+        job, answer = self._job, answer_of(message)
+        if job is None:  # the run is over; where it is resumed, its last answer counts
+            if self._unfinished is not None and self._unfinished.run_id == answer.run_id:
+                self._unfinished.add_answer(answer)
             return
         done = job.sequence.done
-        self._do(job, job.sequence.answer(answer_of(message), self.seconds()))
+        self._do(job, job.sequence.answer(answer, self.seconds()))
         if job.sequence.done > done and self.seconds() - self._published >= 1.0 / self.parameters['state_rate_hz']:
             self._publish_state(job)
 
@@ -218,10 +221,6 @@ class Sequencer(ManagedNode):
             commands = job.sequence.evaluated(results)
             job.motions = message if commands else job.motions
             self._do(job, commands)
-
-    def _on_new_evaluator(self) -> None:
-        if self._job is not None:
-            self._job.has_new_evaluator = True
 
     @property
     def is_busy(self) -> bool:
@@ -235,7 +234,7 @@ class Sequencer(ManagedNode):
         self._joint.tick(now)
         job = self._job
         is_asked = job and (job.is_over or job.opening or job.sequence.phase is Phase.EVALUATION)
-        if job and is_asked and self._cell.has_new_recorder(job.processes):
+        if job and is_asked and names.RECORDER in self._cell.trouble(job.processes, 0).restarted:
             self._recorder.give_up('the recorder was restarted')
             job = self._job
         if job is None or job.is_waiting or job.sequence.is_held:
@@ -255,8 +254,6 @@ class Sequencer(ManagedNode):
                 self._check_nodes(job, now)
             if not self._cell.is_late(names.CMM):  # else it may not have been there to be asked
                 self._do(job, job.sequence.tick(now))
-            if job.has_new_evaluator and job.sequence.phase is Phase.EVALUATION and now - self._published >= SETTLING:
-                self._publish_state(job)  # it publishes its results again
             if job.sequence.left is not None:
                 words = f'run {job.run_id}: {job.progress}: {job.sequence.describe()}'
                 self.get_logger().info(words, throttle_duration_sec=TELL, skip_first=True)
@@ -268,7 +265,7 @@ class Sequencer(ManagedNode):
         trouble, problems = cell.trouble(needed, job.ignored), cell.problems(needed)
         if is_measured:
             nodes = names.EVALUATOR, names.RECORDER
-            problems = problems or cell.problems(nodes) or '; '.join(cell.conflicts(names.EVALUATOR))
+            problems = problems or cell.problems(nodes)
         if problems and not trouble.nodes:
             self._do(job, sequence.fail(problems))
         elif (trouble.nodes or (str(trouble) and not is_measured)) and not sequence.is_held:
@@ -330,12 +327,12 @@ class Sequencer(ManagedNode):
         self._published = self.seconds()
         state = RunState(header=self._header(), run_id=job.run_id, phase=int(sequence.phase), order=job.order,
                          done=sequence.done, total=sequence.plan.total, text=sequence.describe())
-        self._states.publish(state)
+        self.say(self._states, state)
         if job.goal is not None and job.goal.is_active:
             job.goal.publish_feedback(Calibrate.Feedback(state=state))
 
     def _publish_run(self, job: Job) -> None:
-        self._runs.publish(conversions.run_message(job.sequence.answers, job.frames, self.now().to_msg()))
+        self.say(self._runs, conversions.run_message(job.sequence.answers, job.frames, self.now().to_msg()))
 
     def _publish_event(self, request: Request, kind: int, text: str, job: Job | None = None) -> None:
         self._events.publish(conversions.event_message(self._header(), request, kind, text, job))
@@ -396,12 +393,13 @@ class Sequencer(ManagedNode):
             words = words if lacks in words else f'{words}; closing the log: {lacks}'
             self.get_logger().error(f'run {job.run_id}: closing the log: {lacks}')
         succeeded = sequence.phase is Phase.DONE and response.success
+        self._unfinished = None if succeeded else sequence.answers
         self._last = f'last run {job.run_id} {sequence.phase.name.lower()}: {words}'
         self._last_level = OK if succeeded or (sequence.phase is Phase.CANCELLED and response.success) else ERROR
-        log = response.log or job.log
+        log = response.log or ('' if response.messages else job.log)
         if not succeeded:
             where = names.where(self.context.get_domain_id(), self.get_namespace())
-            words = with_advice(words, log if sequence.done else '', where)
+            words = with_advice(words, log, bool(sequence.done), where)
         if job.goal is not None:
             self._action.send_result(job.goal, Calibrate.Result(
                 success=succeeded, message=words, run_id=job.run_id, error_motions=job.motions or ErrorMotions(),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sequences import LIMITS, RUN_ID, TAUGHT, answer_to, last_ask, moved, run_through
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
-from rosette_ros.calibration.goal import earlier_answers, refuse_other_plan
+from rosette_ros.calibration.goal import Request, earlier_answers, make_job, refuse_other_plan
 from rosette_ros.calibration.settings import LIMITS as LIMIT_SETTINGS
 from rosette_ros.calibration.settings import PLANNED, format_settings, parse_settings
 from rosette_ros.calibration.state_machine import PAUSE, Ask, Finish, Locate, Remark, Sequence
@@ -21,6 +21,7 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.nodes import conversions
 
 SETTINGS = {wanted.name: wanted.default for wanted in PLANNED + LIMIT_SETTINGS}
 OWN = format_plan(MeasuringPlan(plan(3), 0.1))
@@ -68,6 +69,21 @@ def test_a_gap_and_an_unusable_answer_are_asked_again():
             known.add_answer(moved(answer, 1.0, 1.0, 1.0) if answer.seq == 13 else answer)
     asks = asked(Sequence(RUN_ID, PLAN, LIMITS, known))
     assert [(ask.seq, ask.attempt, ask.session) for ask in asks] == [(11, 4, 5), (13, 2, 5)]
+
+
+def test_what_the_disk_refused_and_the_sequencer_has_is_not_asked_again():
+    """A log on a full disk lacks the last answers; those of another run do not count."""
+    whole = earlier(PLAN.total)
+    recalled = SimpleNamespace(
+        success=True, run_id=RUN_ID, log='run_a', targets=list(map(conversions.target_message, whole.targets[:14])),
+        answers=list(map(conversions.answer_message, whole.answers[:12])),
+        events=[SimpleNamespace(kind=2, settings=format_settings(
+            {**SETTINGS, 'plate.balls': 3, 'plate.radius_m': 0.1, 'order': 'diagonal', 'repeats': 2}))])
+    for run_id, taken in ((RUN_ID, PLAN.total), ('another', 12)):
+        whole.run_id = run_id
+        job = make_job(Request('calibrate', {'resume': RUN_ID}), SETTINGS, set(), recalled, whole)
+        assert [answer.seq for answer in job.sequence.answers.answers] == [*range(1, taken + 1)]
+        assert job.sequence.answers.answered == taken
 
 
 def test_hold_and_resume():

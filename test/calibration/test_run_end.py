@@ -26,6 +26,17 @@ def test_success_is_said_when_the_log_holds_results_and_readings():
     assert sequence.verified(('the model',)) == ()
 
 
+def test_results_of_other_readings_are_passed_over():
+    """An evaluator publishes those of an earlier attempt again: the run ended with "the log lacks the readings"."""
+    sequence = make_sequence()
+    sequence.verifies = True
+    run_through(sequence)
+    right = results_of(sequence)
+    assert sequence.evaluated(right._replace(readings_hash='of an earlier attempt')) == ()
+    assert sequence.evaluated(right) == (Verify(right),)
+    assert sequence.verified(())[-1].phase is Phase.DONE
+
+
 def test_a_log_without_its_results_is_no_success():
     """It says what is missing; nothing is asked again."""
     sequence, commands = logged(('the error motions', 'the readings'))

@@ -135,17 +135,36 @@ def _check(words, text):
     assert re.search(words, text), text
 
 
-@pytest.mark.parametrize(('changes', 'words'), [
-    ({'run_id': 'other'}, "answer to run 'other', this is 'run_a'"),
-    ({'seq': 7}, 'answer to seq 7, waiting for seq 1'),
-])
-def test_answer_to_something_else_changes_nothing(changes, words):
-    """A stray answer is remarked on and costs no attempt."""
+def test_answers_to_something_else_change_nothing():
+    """Those to another run are remarked on; those to other targets once, with their number, when the next is asked."""
     sequence = make_sequence()
     ask = last_ask(sequence.begin(0.0))
-    (remark,) = sequence.answer(answer_to(ask, **changes), 0.1)
-    assert words in remark.text
-    assert last_ask(sequence.answer(answer_to(ask), 0.2)).seq == 2
+    (remark,) = sequence.answer(answer_to(ask, run_id='other'), 0.1)
+    assert "answer to run 'other', this is 'run_a'" in remark.text
+    for now, seqs, words in ((0.1, [7], 'answer to seq 7'), (9.0, [7] * 29, '29 answers to seq 7'),
+                             (99.0, [7, 5, 9], '3 answers to seq 5 to 9')):
+        for seq in seqs:
+            assert sequence.answer(answer_to(ask, seq=seq), now) == ()
+        remark, *_, asked = sequence.answer(answer_to(ask), now) if ask.seq < 2 else sequence.tick(now)
+        assert remark == Remark(f'not used: {words}, waiting for seq {ask.seq}')
+        ask = asked.target
+    assert (ask.seq, ask.attempt) == (2, 3), 'one was answered, one was late twice'
+
+
+def test_a_cmm_that_answers_ahead_is_told_that():
+    """Its answers to later targets are those of this ball: it was told that its table turns the other way."""
+    sequence = make_sequence()
+    ask = last_ask(sequence.begin(0.0))
+    while ask.table_position == 1:
+        for ahead in range(1, 30):
+            sequence.answer(answer_to(ask, seq=ask.seq + ahead), 0.1)
+        ask = last_ask(sequence.answer(answer_to(ask), 0.1))
+    for _ in range(LIMITS.attempts):
+        end = sequence.answer(answer_to(ask, table_position=1, cmm_position=1), 0.1)[-1]
+    assert end.phase is Phase.FAILED
+    _check(r'; 87 answers were to targets that had not been asked: the CMM has to answer the target that is asked, '
+           'once; what was measured is in the log$', end.text)
+    assert 'table counts' not in end.text
 
 
 def test_after_the_alignment_the_tolerance_is_smaller():
@@ -247,7 +266,7 @@ def test_whatever_comes_every_ball_is_taken_once_and_in_order(n, order, events, 
             stray = {'twice': old or answer_to(ask, seq=seq + 1), 'old': answer_to(ask, seq=0),
                      'other run': answer_to(ask, run_id='b')}[event]
             step = sequence.answer(stray, now)
-            assert [type(command) for command in step] == [Remark]
+            assert [type(command) for command in step] == [Remark] * (event == 'other run')
             continue
         else:
             wrong = {'nan': {'centre': (np.nan,) * 3}, 'failed': {'status': 1},

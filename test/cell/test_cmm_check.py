@@ -308,7 +308,7 @@ def test_nothing_moves_where_no_answer_can_come(domain_id):
 
 def test_nothing_moves_while_a_calibration_is_on(cmm, check):
     """The machine belongs to the sequencer then, whose run does not wait for us."""
-    cmm.states.publish(RunState(run_id='run_a', phase=RunState.PHASE_RUN))
+    cmm.states.publish(RunState(run_id='run_a', process='sequencer 1', phase=RunState.PHASE_RUN))
     deadline = time.monotonic() + 60
     while cmm.node.count_publishers(names.PROBE_TARGET) and time.monotonic() < deadline:
         time.sleep(0.05)  # that of the test before
@@ -316,7 +316,7 @@ def test_nothing_moves_while_a_calibration_is_on(cmm, check):
     with pytest.raises(CellError, match='run run_a is running; wait for its end or cancel it'):
         check()
     assert cmm.askers == 0
-    cmm.states.publish(RunState(run_id='run_a', phase=RunState.PHASE_DONE))
+    cmm.states.publish(RunState(run_id='run_a', process='sequencer 1', phase=RunState.PHASE_DONE))
 
 
 def test_no_cmm_is_told(domain_id):

@@ -2,11 +2,15 @@
 """What a cell says at its start."""
 
 import io
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
-from rosette_ros.cli.cell import keep_running
+from rosette_ros.cell.client import CalibrationOutcome
+from rosette_ros.cli.cell import calibrate, keep_running
+from rosette_ros.core.errors import CellError
 
 
 class EndedAtOnce:
@@ -23,6 +27,19 @@ class EndedAtOnce:
     def restart_failed(self, hanging):
         assert not hanging
         raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(('measured', 'log', 'words'), [
+    (7, Path('/data/run'), 'the disk is full; what was measured is in /data/run; continue with: resume /data/run'),
+    (7, None, 'the disk is full; what was measured is in no log'),
+    (0, None, 'the disk is full; nothing was measured')])
+def test_where_what_was_measured_is(measured, log, words):
+    """A log that was deleted is not named, nor advised to be resumed."""
+    client = SimpleNamespace(
+        measured=measured, resume_command=lambda run: f'resume {run}',
+        calibrate=lambda **_: CalibrationOutcome(False, False, 'the disk is full', 'run', log, None))
+    with pytest.raises(CellError, match=f'^calibration failed: {words}$'):
+        calibrate(client)
 
 
 def test_what_nodes_warn_of_at_the_start_is_shown(domain_id):

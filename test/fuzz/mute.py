@@ -28,7 +28,7 @@ class Mute:
     def __init__(self, **attributes):
         """Stand without a graph; attributes: what the real one makes for itself."""
         self.words, self.published, self.clock = [], [], 0.0
-        self.status = SimpleNamespace(report=lambda problem: None)
+        self.status = SimpleNamespace(report=lambda problem: None, process='mute 1')
         self.__dict__.update(attributes)
 
     def get_logger(self):

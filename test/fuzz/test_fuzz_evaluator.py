@@ -23,7 +23,7 @@ from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions
 from rosette_ros.nodes.evaluation import ModelInUse
 from rosette_ros.nodes.evaluator import WANTED as EVALUATOR_WANTED
-from rosette_ros.nodes.evaluator import Evaluator, _Results
+from rosette_ros.nodes.evaluator import Evaluator
 from rosette_ros.simulation import Machine, MachineConfig
 
 pytestmark = pytest.mark.long
@@ -44,7 +44,6 @@ class MuteEvaluator(Mute, Evaluator):
             _due=('', 0),
             _level=0,
             _last='',
-            _results=_Results('', 0.0, ()),
             _model_out=self,
             _motions_out=self,
         )

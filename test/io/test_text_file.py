@@ -56,7 +56,8 @@ def test_nothing_waits_for_a_pipe(tmp_path, kind):
     """In the place of a file of settings, a table, a log: refused at once, in a line each."""
     path = tmp_path / 'given.yaml'
     os.mkfifo(path) if kind == 'pipe' else path.symlink_to('/dev/zero')
-    done = subprocess.run([sys.executable, '-c', READERS, path], capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run([sys.executable, '-c', READERS, path], capture_output=True, text=True, timeout=120,
+                          check=True)
     lines = done.stdout.splitlines()
     assert len(lines) == 11
     assert all('a device or a pipe' in one for one in lines), done.stdout

@@ -12,7 +12,7 @@ import pytest
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import BallCentre, ErrorMotions, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, ErrorMotions, ProbeTarget, Run
 from rosette_msgs.srv import CheckPlan, StartRecording
 
 from rosette_ros.analysis import analyse
@@ -284,11 +284,12 @@ def test_a_run_whose_log_lacks_a_result_is_no_success(cell_of, domain_id, make_p
     PeerCmm(peer)
     evaluator = peer.node.create_publisher(ErrorMotions, 'error_motions', qos.RESULT)
 
-    def evaluate(state):
-        if state.phase == Phase.EVALUATION:
-            evaluator.publish(ErrorMotions(header=state.header, run_id=state.run_id, model_hash='of no model'))
+    def evaluate(run):
+        evaluator.publish(ErrorMotions(
+            header=run.header, run_id=run.run_id, process='evaluator 1', model_hash='of no model',
+            readings_hash=conversions.answers_of(run).readings_hash))
 
-    peer.node.create_subscription(RunState, 'run_state', evaluate, qos.STATE)
+    peer.node.create_subscription(Run, 'run', evaluate, qos.RESULT)
     peer.start()
     try:
         with cell_of(N, nodes=('recorder', 'sequencer'), simulated_time=False,
@@ -299,7 +300,7 @@ def test_a_run_whose_log_lacks_a_result_is_no_success(cell_of, domain_id, make_p
         peer.stop()
     assert not outcome.success
     assert outcome.message == (
-        'the log lacks the readings, the model; evaluate it offline, or resume the run; what was measured is in '
+        'the log lacks the model; evaluate it offline, or resume the run; what was measured is in '
         f'{outcome.log}; continue with: rosette calibrate --resume {outcome.log} --domain {domain_id}')
     log = read_log(outcome.log)
     assert log.states[-1].phase == Phase.FAILED

@@ -18,6 +18,7 @@ from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names
 
 pytestmark = pytest.mark.long
@@ -114,7 +115,7 @@ def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
     moment = int(np.random.default_rng(seed).integers(1, TOTAL))
     run_id, outcome = killed_run(cell, domain, name, moment)
     folder = last_part(cell.log_dir, run_id)
-    if name == 'evaluator':  # what it published before the others knew it, it publishes again
+    if name == 'evaluator':  # what it published before the others knew it is used when they do
         assert folder.name == run_id and outcome.success
     log = read_log(folder)
     assert log.problems == ()
@@ -129,6 +130,27 @@ def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
     assert np.array_equal(fit.error_motions.values, undisturbed.error_motions.values)
     if outcome is not None:
         assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
+
+
+def test_a_sequencer_that_is_killed_after_success(killable, undisturbed):
+    """Its client says success, with the results and the log: it advised to resume what lacks nothing."""
+    cell, domain, _ = killable
+    killed = []
+
+    def look(progress):
+        if progress.phase == Phase.DONE and not killed:
+            killed.append(progress.run_id)
+            cell.processes['sequencer'].popen.send_signal(signal.SIGKILL)
+            cell.processes['sequencer'].popen.wait(60)
+            cell.restart_failed()
+
+    with CellClient(domain) as client:
+        outcome = client.calibrate(on_progress=look)
+    assert outcome.success, outcome.message
+    assert killed == [outcome.run_id] and outcome.log == cell.log_dir / outcome.run_id
+    assert outcome.verdict == undisturbed.verdict
+    assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
+    assert read_log(outcome.log).to_run().size == N * N
 
 
 @pytest.mark.parametrize('moment', [names.READY, 'recording run'])

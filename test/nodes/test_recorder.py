@@ -2,6 +2,7 @@
 """The recorder's services, and messages that arrive at an unwelcome moment."""
 
 import itertools
+import shutil
 import time
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from tf2_msgs.msg import TFMessage
 from rosette_ros.io import bag_metadata, written_file
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.run_assembly import RunAnswers
-from rosette_ros.nodes import conversions
+from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes import recorder as recorder_module
 from rosette_ros.nodes.base_node import WAKE_PERIOD
 from rosette_ros.nodes.interfaces import decoded
@@ -82,7 +83,7 @@ def test_a_status_is_recorded_when_it_changes(recorder, tmp_path):
                  if one.topic == '/diagnostics']
         assert [(one.name, one.message, one.level, one.values) for one in found] == [
             (one.name, one.message, one.level, one.values) for message in changes for one in message.status]
-    assert set(recorder._processes.values()) == {'cmm 2', 'evaluator 1'}
+    assert {process for *_, process in recorder._statuses.values()} == {'cmm 2', 'evaluator 1'}
 
 
 @pytest.mark.parametrize('is_simulated', [False, True])
@@ -134,14 +135,10 @@ def test_an_idle_state_of_another_program_closes_no_log(recorder, monkeypatch):
     recorder.wake()
     assert recorder._session.is_open
     receive(recorder, 'run_state', IDLE)
-    for is_single in (False, True):  # while there are two the states of neither are used
-        monkeypatch.setattr(recorder.publishers_of('run_state'), 'is_single', is_single)
-        now[0] += recorder_module.SETTLED - 1.0 if is_single else 3600.0
+    for wait, is_open in ((recorder_module.SETTLED - 1.0, True), (1.0, False)):
+        now[0] += wait
         recorder.wake()
-        assert recorder._session.is_open
-    now[0] += 1.0
-    recorder.wake()
-    assert not recorder._session.is_open
+        assert recorder._session.is_open == is_open
 
 
 def test_a_run_is_resumed_at_once_after_a_restart_of_the_sequencer(recorder, tmp_path):
@@ -202,7 +199,7 @@ def test_a_log_that_lacks_its_end_is_closed_after_a_bounded_time(recorder, tmp_p
 
 
 def test_what_is_recorded_of_a_result_is_answered(recorder):
-    """Error motions by their stamp, the model by its hash, the diagnosis by its run."""
+    """Error motions by their stamp, the model by its hash, the diagnosis by its readings."""
     assert start(recorder, 'run').success
     request = Recorded.Request(run_id='run', error_motions=STAMP, model_hash='abc', diagnosis=True,
                                readings_hash=RunAnswers('run').readings_hash)
@@ -213,7 +210,9 @@ def test_what_is_recorded_of_a_result_is_answered(recorder):
     assert recorder._on_recorded(request, Recorded.Response()).missing[1:] == [
         'the error motions', 'the diagnosis']
     receive(recorder, 'error_motions', ErrorMotions(run_id='run', header=Header(stamp=STAMP)))
-    receive(recorder, 'diagnosis', Diagnosis(run_id='run'))
+    receive(recorder, 'diagnosis', Diagnosis(run_id='run', readings_hash='of an earlier attempt'))
+    assert recorder._on_recorded(request, Recorded.Response()).missing[1:] == ['the diagnosis']
+    receive(recorder, 'diagnosis', Diagnosis(run_id='run', readings_hash=request.readings_hash))
     assert recorder._on_recorded(request, Recorded.Response()).missing == ['the table frame']
 
 
@@ -237,6 +236,46 @@ def test_what_the_log_lacks_of_the_run_is_written_as_the_sequencer_has_it(record
     log = read_log(Path(resumed.log))
     assert log.runs['run'].readings_hash == whole
     assert read_log(tmp_path / 'next').answers == []
+
+
+def test_what_comes_with_the_run_and_by_its_own_topic_is_one_answer(recorder, tmp_path, capfd):
+    """The run overtakes the last answer: it was twice in the log, and told as one that was not received."""
+    assert start(recorder, 'run').success
+    measure(recorder, 1, 2, 3)
+    run = conversions.run_message(recorder._contents.answers, placed(1.0, 5).transforms, STAMP)
+    recorder._close()
+    assert start(recorder, 'again').success
+    run.run_id = recorder._session.run_id
+    receive(recorder, 'run', run)
+    target, *answers = (conversions.answers_of(run).targets[2], *conversions.answers_of(run).answers[1:])
+    receive(recorder, 'probe_target', conversions.target_message(target))
+    for answer in answers:
+        receive(recorder, 'ball_centre', conversions.answer_message(answer))
+    receive(recorder, 'ball_centre', conversions.answer_message(answers[0]))  # the CMM answers twice
+    recorder._close()
+    log = read_log(tmp_path / 'again')
+    assert [target.seq for target in log.targets] == [1, 2, 3]
+    assert [answer.seq for answer in log.answers] == [1, 2, 3, 2]
+    assert 'run again: 3 readings came with it alone' in capfd.readouterr().err
+
+
+@pytest.mark.parametrize('is_gone', [True, False])
+def test_a_log_that_is_gone_is_not_named_where_it_is_closed(recorder, tmp_path, is_gone):
+    """It said that what was measured is in a folder that is not there."""
+    assert start(recorder, 'run').success
+    measure(recorder, 1)
+    if is_gone:
+        shutil.rmtree(tmp_path)
+        tmp_path.write_text('')
+    response = stop(recorder, 'run')
+    assert (response.success, response.log) == ((False, '') if is_gone else (True, str(tmp_path / 'run')))
+    assert response.messages
+
+
+def test_what_a_restarted_node_says_is_recorded_however_early():
+    """Before the recorder is connected to it: an evaluator that is restarted publishes its diagnosis once."""
+    latched = {topic.name for topic in recorder_module.TOPICS if topic.profile is qos.RECORD_LATCHED}
+    assert latched >= set(names.SIGNED)
 
 
 def placed(x, sec):

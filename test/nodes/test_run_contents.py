@@ -25,7 +25,6 @@ MESSAGES = {
     'the answer': BallCentre(header=stamped(6), run_id='r', seq=1, table_position=1, ball=1),
     'the table frame': conversions.frame_message(Frame.identity(), 'machine', 'table', Time(sec=5)),
     'the model': Model(run_id='r', hash='abc'),
-    'the diagnosis': Diagnosis(run_id='r'),
     'the error motions': ErrorMotions(header=stamped(9), run_id='r'),
 }
 
@@ -37,9 +36,10 @@ def holding(messages):
     return contents
 
 
+READINGS = holding(MESSAGES.values()).answers.readings_hash
+MESSAGES['the diagnosis'] = Diagnosis(run_id='r', readings_hash=READINGS)
 WANTED = Recorded.Request(
-    run_id='r', error_motions=Time(sec=9), model_hash='abc', diagnosis=True,
-    readings_hash=holding(MESSAGES.values()).answers.readings_hash)
+    run_id='r', error_motions=Time(sec=9), model_hash='abc', diagnosis=True, readings_hash=READINGS)
 
 
 @pytest.mark.parametrize('lacking', MESSAGES)
@@ -65,9 +65,10 @@ def test_error_motions_of_other_readings_are_not_those_of_the_log(change):
 
 
 def test_messages_of_another_run_do_not_count():
-    """Nor a model with another hash, nor earlier error motions."""
+    """Nor a model with another hash, nor earlier error motions, nor a diagnosis of other readings."""
     other = [ErrorMotions(header=stamped(9), run_id='s'), ErrorMotions(header=stamped(8), run_id='r'),
-             Model(run_id='r', hash='abd'), Diagnosis(run_id='s'), RunState(run_id='s', phase=RunState.PHASE_DONE)]
+             Model(run_id='r', hash='abd'), Diagnosis(run_id='r', readings_hash='of others'),
+             RunState(run_id='s', phase=RunState.PHASE_DONE)]
     assert holding([TARGET, MESSAGES['the table frame'], *other]).missing(WANTED) == [
         'the readings', 'the error motions', 'the model', 'the diagnosis']
 

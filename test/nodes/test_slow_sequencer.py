@@ -31,7 +31,7 @@ class SlowSequencer:
         node.create_publisher(CalibrationEvent, names.CALIBRATION_EVENT, qos.EVENT)
         self.server = ActionServer(node, Calibrate, names.CALIBRATE, self._execute, goal_callback=self._accept,
                                    cancel_callback=self._cancel)
-        self._state.publish(RunState())
+        self._state.publish(RunState(process='sequencer 1'))
 
     def _accept(self, goal):
         self.events.append('requested')

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from rosette_ros.nodes.liveliness import TopicPublishers
 from rosette_ros.nodes.qos import STATUS_LOST
-from rosette_ros.nodes.topic_publishers import TopicPublishers
 
 
 class Topic:
@@ -34,7 +34,7 @@ class Topic:
 def clock(monkeypatch):
     """Return the time that is read, which tests set."""
     made = SimpleNamespace(now=100.0)
-    monkeypatch.setattr('rosette_ros.nodes.topic_publishers.time', SimpleNamespace(monotonic=lambda: made.now))
+    monkeypatch.setattr('rosette_ros.nodes.liveliness.time', SimpleNamespace(monotonic=lambda: made.now))
     return made
 
 
@@ -49,7 +49,7 @@ def test_while_there_are_two_nothing_is_used(clock):
     """From the moment that the second one is matched, which may be before the graph shows it, until it is seen to have
     left: what it had published is delivered by then."""
     topic = Topic()
-    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0))
+    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0, is_of=lambda gid: False))
     topic.on_graph, topic.matched = [1], 1
     assert made.admits()
     topic.matched = 2
@@ -68,7 +68,7 @@ def test_while_there_are_two_nothing_is_used(clock):
 def test_an_idle_one_does_not_count_beside_another(clock):
     """A sequencer that measures nothing; alone, it counts."""
     topic = Topic()
-    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0))
+    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0, is_of=lambda gid: False))
     made.is_idle = lambda gid: gid == bytes([1] * 16)
     for there, used in ([1], 1), ([1, 2], 2), ([2], 2), ([1], 1):
         topic.on_graph, topic.matched = there, len(there)
@@ -79,14 +79,14 @@ def test_an_idle_one_does_not_count_beside_another(clock):
 
 
 def test_another_publisher_that_is_alone_is_used(clock):
-    """That it is another one is told."""
-    topic, changes = Topic(), []
-    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0))
-    made.on_change = lambda: changes.append(made.used)
+    """Until then that which was alone last."""
+    topic, used = Topic(), []
+    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0, is_of=lambda gid: False))
     for others in ([1], [1, 2], [2], [], [2], [3]):
         topic.on_graph, topic.matched = others, len(others)
         made.look()
-    assert changes == [{bytes([2] * 16)}, {bytes([3] * 16)}]
+        used.append(max(made.used)[0])
+    assert used == [1, 1, 2, 2, 2, 3]
 
 
 def test_a_restarted_node_is_there_before_its_first_status(clock):
@@ -94,7 +94,7 @@ def test_a_restarted_node_is_there_before_its_first_status(clock):
     topic, heard = Topic(), 1
 
     peer = SimpleNamespace(
-        publishers=lambda: topic.get_publishers_info_by_topic(''), running=lambda: heard)
+        publishers=lambda: topic.get_publishers_info_by_topic(''), running=lambda: heard, is_of=lambda gid: False)
     made = publishers_of(topic, peer)
     topic.on_graph, topic.matched = [1], 1
     made.watch()
