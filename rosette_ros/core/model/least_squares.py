@@ -18,7 +18,7 @@ from scipy import special
 from rosette_ros.core.effects.effect import BodyMotion, Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
-from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace, Basis
+from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
 from rosette_ros.core.model.second_order import (
@@ -114,11 +114,6 @@ class Fit:
         return np.asarray(self.joint.whitening.apply(self.residual[None])[0])
 
     @property
-    def linear_limit(self) -> float:
-        """Displacement D^2 / R, m, below which nothing can be told beside effects that move the plate by D."""
-        return sum(one.largest for one in self.effects if one.is_of_plate)**2 / self.run.radius
-
-    @property
     def p_of_small(self) -> float:
         """Probability that noise of the known repeatability leaves as little; 1 where it is not known."""
         chi, known_dof = self.reduced_chi_square, self.run.repeatability_dof
@@ -205,12 +200,6 @@ class JointSpace:
         for _ in range(2):
             flat = flat - (flat @ self._solve.T) @ self._flat[:self.q]
         return flat.reshape(rows.shape)
-
-    @cached_property
-    def basis(self) -> Basis:
-        """Orthonormal rows that span base model and effects in white coordinates."""
-        base = self.space.basis
-        return Basis(base.axial, base.plane, self._mixed.reshape(len(self._mixed), base.axial.shape[1], 3))
 
     @cached_property
     def _mixed(self) -> Floats:
