@@ -54,26 +54,17 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class FittedEffect:
-    """An effect with the setting in use, its parameters and its part of the model, (N, 3), m.
-
-    is_of_plate: whether it moves the plate as a body.
-    """
+    """An effect with the setting in use, its parameters and its part of the model, (N, 3), m."""
 
     name: str
     setting: Setting
     parameters: tuple[Parameter, ...]
     displacement: Floats
-    is_of_plate: bool
 
     @property
     def rms(self) -> float:
         """Root mean square of its part over all coordinates, m."""
         return float(np.sqrt(np.mean(self.displacement**2)))
-
-    @property
-    def largest(self) -> float:
-        """Largest displacement of a ball, m."""
-        return float(np.sqrt(np.sum(self.displacement**2, axis=1).max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,6 +415,5 @@ def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpa
         parameters += [Parameter(parameter.name, part.setting.number(parameter.name), float(next(refined)),
                                  parameter.unit) for parameter in part.adjusted(*REFINED)]
         out.append(FittedEffect(part.term.name, part.setting, tuple(parameters),
-                                np.tensordot(amplitude[part.place], part.columns, axes=1),
-                                part.term.effect.body_motion(run, part.setting, amplitude[part.place]) is not None))
+                                np.tensordot(amplitude[part.place], part.columns, axes=1)))
     return tuple(out)
