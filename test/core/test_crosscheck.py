@@ -64,7 +64,7 @@ def test_amplitudes_that_are_not_determined_say_nothing_of_the_size():
     def fitted(value, others):
         pairs = [(value, 1.0), *[(0.0, np.inf)] * others]
         parameters = tuple(Parameter(f'd_{k}', one, u, 'm') for k, (one, u) in enumerate(pairs))
-        return FittedEffect('frame_drift', Setting(), parameters, np.zeros((1, 3)), False)
+        return FittedEffect('frame_drift', Setting(), parameters, np.zeros((1, 3)))
 
     assert [_same_size(fitted(0.0, others), fitted(4.5, others)) for others in (0, 2)] == [False, False]
     assert _same_size(fitted(0.0, 2), fitted(1.0, 2))

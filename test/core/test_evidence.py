@@ -34,6 +34,12 @@ def space_of(run, noise='white'):
     return CoordinateSpace(space, np.zeros((0, run.size, 3)))
 
 
+def freed(space):
+    """Return what a model leaves of each coordinate alone, (3 N, 3 N)."""
+    size = space.whitening.size
+    return space.free(np.eye(3 * size).reshape(-1, size, 3)).reshape(3 * size, -1)
+
+
 def evidence_of(run, seed=0, noise='white'):
     """Return the Evidence of a run of noise."""
     space = space_of(run, noise)
@@ -81,8 +87,7 @@ def test_the_evidence_is_a_normal_density():
     members = [evidence.member(families[name], families[name].settings[0], 0.0)
                for name in ('frame_drift', 'plate_warp')]
     state = State(evidence, members)
-    basis = np.linalg.svd(np.eye(evidence.y.size) - evidence.space.basis.rows.T @ evidence.space.basis.rows)[0]
-    basis = basis[:, :evidence.dof].T
+    basis = np.linalg.svd(freed(evidence.space))[0][:, :evidence.dof].T
     covariance = np.eye(evidence.dof) + sum(
         one.size**2 * (basis @ one.rows.T) @ (basis @ one.rows.T).T for one in state.members)
 
@@ -116,8 +121,7 @@ def test_the_likelihood_of_a_noise_is_that_of_its_covariance(noise):
     none = np.zeros((0, run.size, 3))
     beside = Beside(run, RADIUS, BASE_TERMS, y, none, none, np.zeros(0))
     found = {name: beside.under(Whitening(run.size, *NOISES[name])) for name in ('white', noise)}
-    free = np.eye(3 * run.size) - (rows := space_of(run).basis.rows).T @ rows
-    basis = np.linalg.svd(free)[0][:, :beside.dof].T
+    basis = np.linalg.svd(freed(space_of(run)))[0][:, :beside.dof].T
     values = []
     for name in ('white', noise):
         whitening = Whitening(run.size, *NOISES[name])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The measurement equation of the base model, reading by reading, and whether a plan determines it; numpy alone."""
+"""The measurement equation of the base model, by coordinates, and whether a plan determines it; numpy alone."""
 
 import numpy as np
 
@@ -8,31 +8,40 @@ from rosette_ros.core.geometry import Floats, Ints, nominal_angles
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.scheme import Scheme, cmm_position
 
-Entries = list[tuple[int, Ints, Floats]]
-"""Columns' entries: the first column, the column of each reading counted from it, (N,), the value, (N,)."""
+TERM = np.array([0, 0, 0, 1, 2, 0, 0, 0, 1, 1, 2, 2])
+"""The base term of each block of n unknowns: ctz, R crx, R cry, P_z, M_z; ctx, cty, R crz, P_x, P_y, M_x, M_y."""
+AXIAL, PLANE = PARTS = (slice(2, 3), slice(0, 5)), (slice(0, 2), slice(5, 12))
+"""The parts that are independent of each other, z, and x and y: their axes, and their blocks of unknowns."""
 MOST_RANKED = 72
 """Balls up to which the rank of a plan is calculated before it is measured."""
 NAMED = 8
+ROUNDING = 1e-9
+"""Eigenvalues of normal equations below this share of the largest are 0."""
 
 
-def entries(n: int, table_position: Ints, ball: Ints,
-            terms: tuple[str, ...] = BASE_TERMS) -> tuple[Entries, Entries, Entries]:
-    """Return the equations of z, x and y of readings (N,), one-based, from n balls.
+def entries(n: int, table_position: Ints, ball: Ints, terms: tuple[str, ...] = BASE_TERMS) -> tuple[Ints, Floats]:
+    """Return the equations of readings (N,), one-based, from n balls: each coordinate sees five of the 12 n unknowns.
 
-    Unknowns of z, each (n,): ctz, R crx, R cry, P_z, M_z; of x and y: ctx, cty, R crz, P_x, P_y, M_x, M_y.
-    """
-    table, plate, cmm = (float(term in terms) for term in BASE_TERMS)
-    position = cmm_position(n, table_position, ball)
-    at, of, on, one = table_position - 1, ball - 1, position - 1, np.ones(table_position.size)
-    alpha, phi = nominal_angles(n)[on], nominal_angles(n)[at]
+    These, from 0, and their factors, along x, y and z, (N, 3, 5) each; unknowns: see TERM."""
+    at, of, on = table_position - 1, ball - 1, cmm_position(n, table_position, ball) - 1
+    alpha, phi, one = nominal_angles(n)[on], nominal_angles(n)[at], np.ones(at.size)
     sin, cos, sin_t, cos_t = np.sin(alpha), np.cos(alpha), np.sin(phi), np.cos(phi)
-    z = [(0, at, table * one), (n, at, table * sin), (2 * n, at, -table * cos), (3 * n, of, plate * one),
-         (4 * n, on, cmm * one)]
-    x = [(0, at, table * one), (2 * n, at, -table * sin), (3 * n, of, plate * cos_t), (4 * n, of, -plate * sin_t),
-         (5 * n, on, cmm * one)]
-    y = [(n, at, table * one), (2 * n, at, table * cos), (3 * n, of, plate * sin_t), (4 * n, of, plate * cos_t),
-         (6 * n, on, cmm * one)]
-    return z, x, y
+    unknown = np.array([[5 * n + at, 7 * n + at, 8 * n + of, 9 * n + of, 10 * n + on],
+                        [6 * n + at, 7 * n + at, 8 * n + of, 9 * n + of, 11 * n + on],
+                        [at, n + at, 2 * n + at, 3 * n + of, 4 * n + on]]).transpose(2, 0, 1)
+    factor = np.array([[one, -sin, cos_t, -sin_t, one], [one, cos, sin_t, cos_t, one], [one, sin, -cos, one, one]])
+    return unknown, factor.transpose(2, 0, 1) * np.isin(BASE_TERMS, terms)[TERM][unknown // n]
+
+
+def normal_equations(n: int, part: tuple[slice, slice], unknown: Ints, factor: Floats) -> Floats:
+    """Return the lower triangle of the normal equations of one of PARTS, (q, q), of entries (N, 3, 5)."""
+    axes, blocks = part
+    size = (blocks.stop - blocks.start) * n
+    unknown, factor, normal = unknown[:, axes] - blocks.start * n, factor[:, axes], np.zeros(size * size)
+    for one in range(5):
+        np.add.at(normal, (unknown[..., one, None] * size + unknown[..., one:]).ravel(),
+                  (factor[..., one, None] * factor[..., one:]).ravel())
+    return normal.reshape(size, size).T
 
 
 def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
@@ -58,20 +67,10 @@ def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
     if n > MOST_RANKED:
         return
     wanted = 12 * n - 13 - 3 * (n - balls.size) - 3 * (n - positions.size)
-    z, x, y = entries(n, pairs // n + 1, pairs % n + 1)
-    rank = _rank(5 * n, z) + _rank(7 * n, x, y)
+    every = entries(n, pairs // n + 1, pairs % n + 1)
+    values = [np.linalg.eigvalsh(normal_equations(n, part, *every)) for part in PARTS]
+    rank = sum(np.count_nonzero(value > ROUNDING * value[-1]) for value in values)
     if rank < wanted:
         raise InvalidPlan(f'{source}: does not determine the curves: its {pairs.size} pairs of table position and ball '
                           f'have rank {rank} where {wanted} is needed; wanted CMM positions or balls that are not '
                           'equally spaced, and readings that join all of them')
-
-
-def _rank(unknowns: int, *rows: Entries) -> int:
-    """Return the rank of the equations of some unknowns."""
-    normal = np.zeros((unknowns, unknowns))
-    for one in rows:
-        for first, row, value in one:
-            for other, column, factor in one:
-                np.add.at(normal, (first + row, other + column), value * factor)
-    found = np.linalg.eigvalsh(normal)
-    return int(np.count_nonzero(found > 1e-9 * max(found[-1], 1.0)))

@@ -9,20 +9,29 @@ The 12 n unknowns have rank 12 n - 13 on a complete run. The 13 combinations tha
 fixed by this gauge (the paper's, continued to plate and CMM): the means of T and Theta are zero; (ctx, cty) and (crx,
 cry) have no once-per-turn part that looks like eccentricity or tilt of the plate; M has zero mean along z, radially and
 tangentially, so that plate position, radius and turn stand in P.
+
+With the equations A of z, or of x and y, in white coordinates and F orthonormal combinations of unknowns that no
+readings see, the unknowns of readings y are x = (A'A + F F')^-1 A'y. F is known beforehand: one Cholesky factor is
+enough, whatever was measured, how often, and with which weights.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache, reduce
 from typing import Any
 
 import numpy as np
+import scipy.linalg
+import scipy.sparse
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, normal_equations
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Real, Whitening
-from rosette_ros.core.model.normal_equations import PARTS, parts_of
-from rosette_ros.core.records import CURVES, Floats, Run
+from rosette_ros.core.records import CURVES, Bools, Floats, Ints, Run
 
 GAUGE = (
     'means of ctx, cty, ctz, crx, cry, crz',
@@ -33,6 +42,8 @@ GAUGE = (
 )
 """What no three-rosette run can know, in words for every result."""
 
+DOUBTFUL = 1e-6
+"""Condition of normal equations below which their eigenvalues are looked at."""
 _MOST_GAUGE = 13
 _LARGE = 40  # balls; what runs of smaller plates lack is listed term by term
 
@@ -46,53 +57,149 @@ class BaseParameters:
     cmm: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class Basis:
-    """Orthonormal rows that span a model on a run of N readings.
+class Factor:
+    """The Cholesky factor of the normal equations of z, or of x and y; right sides and unknowns are (q, m).
 
-    axial: (rz, N) along z; plane: (rw, N, 2) along x and y; mixed: (k, N, 3) along all axes.
+    normal: (q, q), their lower triangle; used: (q,) unknowns that readings see; gauge: as of Places. rank: of the
+    readings; wanted: that if they leave nothing open but the gauge; is_open: (q,) what they do.
     """
 
-    axial: Floats
-    plane: Floats
-    mixed: Floats
+    def __init__(self, normal: Floats, used: Bools, gauge: tuple[Floats, Floats, Floats]) -> None:
+        (self._vectors, self._shift, fixed), diagonal = gauge, normal.diagonal()
+        self._scale = scale = float(diagonal[used].mean()) if used.any() else 1.0
+        held: Floats = (scale * fixed @ fixed.T).T
+        held += normal
+        held[np.diag_indices(len(held))] += scale * ~used
+        size = scipy.linalg.norm(held, 1, check_finite=False)
+        self._root, failed = lapack.dpotrf(held, lower=1, overwrite_a=1)
+        self.wanted = self.rank = int(used.sum() - fixed.shape[1])
+        self.is_open = np.zeros(len(used), dtype=bool)
+        if failed or lapack.dpocon(self._root, size, uplo='L')[0] < DOUBTFUL:
+            value, vector = np.linalg.eigh(normal)
+            self.rank = int(np.count_nonzero(value > ROUNDING * max(value[-1], 1.0)))
+            null = vector[:, :len(value) - self.rank]
+            left, value, _ = np.linalg.svd(null - fixed @ (fixed.T @ null), full_matrices=False)
+            share = np.sum(left[:, value > 0.5]**2, axis=1) * used
+            self.is_open = share > max(0.5 * share.max(initial=0), 1e-6)
 
     @property
-    def rank(self) -> int:
-        """Number of rows."""
-        return len(self.axial) + len(self.plane) + len(self.mixed)
+    def log_det(self) -> float:
+        """The logarithm of the determinant of the normal equations, of what is determined."""
+        held = len(self._root) - self.wanted
+        return float(2 * np.sum(np.log(self._root.diagonal())) - held * np.log(self._scale))
 
-    def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
-        """Return columns (m, N, 3) freed of what the rows span, same shape and precision."""
-        rows: NDArray[Any] = self._single if columns.dtype == np.float32 else self.rows
-        flat = columns.reshape(len(columns), rows.shape[1])
-        left: NDArray[Any] = flat - (flat @ rows.T) @ rows
-        return left.reshape(columns.shape)
+    def solved(self, right: Floats) -> Floats:
+        """Return the solution of the normal equations, in no gauge."""
+        return np.asarray(scipy.linalg.cho_solve((self._root, True), right, check_finite=False))
+
+    def halved(self, right: Floats) -> Floats:
+        """Return H of right sides: H'H is their products with the solution."""
+        return np.asarray(scipy.linalg.solve_triangular(self._root, right, lower=True, check_finite=False))
+
+    def in_gauge(self, unknowns: Floats) -> Floats:
+        """Return unknowns in the gauge."""
+        return np.asarray(unknowns - self._vectors @ (self._shift @ unknowns))
+
+    def inverse(self) -> Floats:
+        """Return the lower triangle of the inverse of the normal equations, (q, q)."""
+        return np.asarray(lapack.dpotri(self._root, lower=1)[0])
 
     @cached_property
-    def _single(self) -> NDArray[np.float32]:
-        return self.rows.astype(np.float32)
+    def mix(self) -> NDArray[np.float32]:
+        """What `halved` multiplies the transposed right sides by, (q, q)."""
+        return np.ascontiguousarray(lapack.dtrtri(self._root, lower=1)[0].T, dtype=np.float32)
 
     @cached_property
-    def rows(self) -> Floats:
-        """All rows, (rank, 3 N)."""
-        size = self.axial.shape[1]
-        out = np.zeros((self.rank, size, 3))
-        plane = len(self.axial) + len(self.plane)
-        out[:len(self.axial), :, 2] = self.axial
-        out[len(self.axial):plane, :, :2] = self.plane
-        out[plane:] = self.mixed
-        return out.reshape(self.rank, 3 * size)
+    def variances(self) -> Floats:
+        """The variances of the unknowns in the gauge, (q, 1): the diagonal of (1 - V S) N^-1 (1 - V S)'."""
+        mixed = self.solved(self._shift.T)
+        more = np.sum(self._vectors * (self._vectors @ (self._shift @ mixed) - 2 * mixed), axis=1)
+        return np.asarray((self.inverse().diagonal() + more)[:, None])
+
+
+class Places:
+    """The equations of readings at the same places in the same order, before any noise.
+
+    unknown, factor: (N, 3, 5), as of `entries`; parts: the unknowns of each of PARTS; in_use: (12 n,) those of the
+    terms; touched: (12 n,) those that readings see, were they in use.
+    """
+
+    def __init__(self, n: int, table_position: Ints, ball: Ints, terms: tuple[str, ...]) -> None:
+        self.n, size, self._term = n, ball.size, np.repeat(TERM, n)
+        self.unknown, self.factor = entries(n, table_position, ball, terms)
+        self.parts = [slice(blocks.start * n, blocks.stop * n) for _, blocks in PARTS]
+        self.in_use = np.isin(BASE_TERMS, terms)[self._term]
+        self.touched = (self._term == 0) | (np.bincount(self.unknown.ravel(), minlength=12 * n) > 0)
+        entry = self.factor.ravel(), self.unknown.ravel(), np.arange(0, 15 * size + 1, 5)
+        self.design: Any = scipy.sparse.csr_array(entry, (3 * size, 12 * n))
+        self._order = np.lexsort((ball, table_position))
+        rows = (3 * self._order[:, None] + np.arange(3)).ravel()
+        self.adjoint = self.design[rows].T.tocsr()  # in the order of places: sums do not tell when a reading was taken
+        self.adjoint.indices = rows.astype(np.int32)[self.adjoint.indices]
+        self._gauges = [self._gauge(vectors, part) for vectors, part in zip(unseen(n), self.parts)]
+
+    def _gauge(self, vectors: Floats, part: slice) -> tuple[Floats, Floats, Floats]:
+        """Return what no readings see of a part, V (q, k); how much of it is in unknowns, S (k, q); and, orthonormal,
+        that of the unknowns in use, F (q, l).
+
+        In the gauge the table's part of each of V is zero, and the CMM's part where the table has none."""
+        vectors = vectors * self.touched[part, None]
+        table, cmm = (vectors * (self._term[part] == one)[:, None] for one in (0, 2))
+        fixed = np.where(table.any(axis=0), table, cmm).T
+        own = vectors @ scipy.linalg.null_space(vectors[~self.in_use[part]])
+        return vectors, np.linalg.solve(fixed @ vectors, fixed), np.linalg.qr(own)[0]
+
+    def factors(self, white: Whitening) -> tuple[Factor, ...]:
+        """Return the Factor of each of PARTS under a noise."""
+        return self._plain if white.is_plain else self._factored(white)
+
+    @cached_property
+    def _plain(self) -> tuple[Factor, ...]:
+        return self._factored(Whitening(len(self._order), np.ones(3)))
+
+    def _factored(self, white: Whitening) -> tuple[Factor, ...]:
+        return tuple(Factor(normal, (self.touched & self.in_use)[part], gauge)
+                     for normal, part, gauge in zip(self._normal_equations(white), self.parts, self._gauges))
+
+    def _normal_equations(self, white: Whitening) -> Iterator[Floats]:
+        """Yield the normal equations of each of PARTS, at least their lower triangles."""
+        if white.is_diagonal:
+            unknown, factor = self.unknown[self._order], (self.factor * white.factors[..., None])[self._order]
+            yield from (normal_equations(self.n, part, unknown, factor) for part in PARTS)
+        else:
+            yield from (reduce(np.add, (white.along(axis).normal_equations(one) for axis, one in each))
+                        for each in self._along)
+
+    @cached_property
+    def _along(self) -> list[list[tuple[int, Any]]]:
+        """The axes of each of PARTS, and the sparse equations along them, (N, q)."""
+        return [[(axis, self.design[axis::3, part]) for axis in range(3)[axes]]
+                for (axes, _), part in zip(PARTS, self.parts)]
+
+    def columns(self, unknowns: Floats, white: Whitening) -> Floats:
+        """Return what unknowns (12 n, m) do to the readings, in white coordinates, (m, N, 3)."""
+        return white.apply((self.design @ unknowns).T.reshape(unknowns.shape[1], -1, 3))
+
+    def right_sides(self, columns: NDArray[Real], white: Whitening) -> Floats:
+        """Return the right sides of the normal equations, (12 n, m), of white columns (m, N, 3)."""
+        adjoint = self.adjoint.astype(columns.dtype, copy=False)
+        return np.asarray(adjoint @ white.adjoint(columns).reshape(len(columns), -1).T)
+
+
+@lru_cache(maxsize=4)
+def _places(n: int, table_position: bytes, ball: bytes, terms: tuple[str, ...]) -> Places:
+    return Places(n, np.frombuffer(table_position, np.int64), np.frombuffer(ball, np.int64), terms)
 
 
 class BaseSpace:
     """The base model on any run in any noise: what it can describe of columns, and the parameters that do.
 
-    z and the xy part are independent: 5 n and 7 n unknowns, by normal equations whose memory is linear in the readings.
+    z and the xy part are independent: 5 n and 7 n unknowns, by normal equations.
     lever: radius at which rotations act, m, so that all unknowns are lengths; terms: subset of BASE_TERMS; whitening:
     of the noise, None where it is white and equal; what a space makes of columns stands in white coordinates; rank: of
-    the base model; is_even: whether the run is complete and its noise equal but for z. Raises NotDeterminable, with
-    what cannot be determined, for too little data.
+    the base model; ranks, log_dets: of z, and of x and y, that and the logarithm of the determinant of the normal
+    equations, of what is determined; is_even: whether the run is complete and its noise equal but for z. Raises
+    NotDeterminable, with what cannot be determined, for too little data.
     """
 
     def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
@@ -101,19 +208,13 @@ class BaseSpace:
         self.n, self.lever, self.terms = run.n, lever, tuple(terms)
         self.is_even = run.is_complete and white.by_axis and bool(white.sd[0] == white.sd[1])
         self._refuse_far_too_few(run)
-        self._left_out = [np.flatnonzero(np.bincount(used, minlength=run.n + 1)[1:] == 0)
-                          for used in (run.ball, run.cmm_position)]
-        self._parts = parts_of(run, self.terms, white)
-        self.rank, wanted = sum(self.ranks), sum(part.wanted for part in self._parts)
+        self._places = _places(run.n, run.table_position.tobytes(), run.ball.tobytes(), self.terms)
+        self._factors = self._places.factors(white)
+        self.ranks = [one.rank for one in self._factors]
+        self.rank, wanted = sum(self.ranks), sum(one.wanted for one in self._factors)
         if self.rank < wanted:
             missing = self._undetermined() or 'the separation of table, plate and CMM'
             raise _too_few(run, f'give rank {self.rank} where {wanted} is needed', f'; cannot determine {missing}')
-
-    @cached_property
-    def basis(self) -> Basis:
-        """Orthonormal rows that span the base model in white coordinates."""
-        z, w = (np.ascontiguousarray(part.orthonormal_rows()) for part in self._parts)
-        return Basis(z, w.reshape(len(w), z.shape[1], 2), np.zeros((0, z.shape[1], 3)))
 
     def _refuse_far_too_few(self, run: Run) -> None:
         """Refuse a run of a large plate with fewer readings than unknowns before memory for these is taken."""
@@ -122,13 +223,17 @@ class BaseSpace:
             raise _too_few(run, f'cannot give rank {unknowns}')
 
     def _undetermined(self) -> str:
-        z, w = (part.open_unknowns().reshape(-1, self.n) for part in self._parts)
-        rows = [(f'{curve} at table position', row) for curve, row in zip(CURVES, (w[0], w[1], z[0], z[1], z[2], w[2]))]
-        for row, unused in zip(z[3:], self._left_out):
-            row[unused] = False
-        rows += [('the deviation of ball', z[3]), ('the deviation of the CMM at position', z[4])]
-        names = [f'{what} {k + 1}' for what, row in rows for k in np.flatnonzero(row)]
+        one = self._named(np.concatenate([part.is_open for part in self._factors])[:, None])
+        rows = [(f'{curve} at table position', row) for curve, row in zip(CURVES, one.curves[0].T)]
+        rows += [('the deviation of ball', one.plate[0, :, 2]),
+                 ('the deviation of the CMM at position', one.cmm[0, :, 2])]
+        names = [f'{what} {k + 1}' for what, row in rows for k in np.flatnonzero(row > 0)]
         return ', '.join(names[:6]) + (f' and {len(names) - 6} more' if len(names) > 6 else '')
+
+    @property
+    def log_dets(self) -> list[float]:
+        """The logarithms of the determinants of the normal equations, of what is determined: of z, and of x and y."""
+        return [one.log_det for one in self._factors]
 
     def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return what the base model cannot describe of columns (m, N, 3), in white coordinates, same precision."""
@@ -136,73 +241,77 @@ class BaseSpace:
 
     def free(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""
-        out = np.empty_like(columns)
-        if not len(columns):
-            return out
-        for part, axes, rows in zip(self._parts, PARTS, _split(columns)):
-            out[..., axes] = part.free(rows).T.reshape(*columns.shape[:2], len(axes))
-        return out
+        left = columns.astype(float)
+        for _ in range(2 * (len(columns) > 0)):
+            left -= self._places.columns(self._described(left), self.whitening)
+        return left.astype(columns.dtype, copy=False)
 
     def inside(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return coordinates (m, k), orthonormal, of what the base model describes of white columns (m, N, 3).
 
         Products of columns less products of these are the products of what the base model leaves of them."""
-        return np.concatenate([part.inside(rows) for part, rows in zip(self._parts, _split(columns))]).T
+        right = self._places.right_sides(columns, self.whitening)
+        return self._each('halved', right).T.astype(columns.dtype, copy=False)
 
     def inside_of(self, waves: Any, directions: NDArray[Any]) -> NDArray[np.float32]:
-        """Return these coordinates (m, d, k) of waves (m, N) times directions (d, N, 3) in diagonal noise, single."""
-        white = (directions * self.whitening.factors).astype(np.float32)
-        return np.concatenate([part.inside_of(waves, white[..., list(axes)])
-                               for part, axes in zip(self._parts, PARTS)], 2)
+        """Return these coordinates (m, d, k) of waves (m, N), dense or sparse, times directions (d, N, 3), single.
 
-    @property
-    def log_dets(self) -> tuple[float, float]:
-        """The logarithms of the determinants of the normal equations, of what is determined: of z, and of x and y."""
-        return self._parts[0].log_det, self._parts[1].log_det
-
-    @property
-    def ranks(self) -> tuple[int, int]:
-        """The ranks of z, and of x and y."""
-        return self._parts[0].rank, self._parts[1].rank
+        Only in noise that does not wander; no column is written out."""
+        places, count = self._places, len(directions)
+        weight = (directions * self.whitening.factors**2).swapaxes(0, 1)[..., None] * places.factor[:, None]
+        unknown = places.unknown[:, None] + 12 * self.n * np.arange(count)[:, None, None]
+        start = np.arange(0, weight.size + 1, 15 * count)
+        entry = weight.ravel().astype(np.float32), unknown.ravel(), start
+        right: Any = waves @ scipy.sparse.csr_array(entry, (len(weight), 12 * self.n * count))
+        right = np.ascontiguousarray(right if isinstance(right, np.ndarray) else right.toarray())
+        found = [right.reshape(-1, 12 * self.n)[:, part] @ one.mix for part, one in zip(places.parts, self._factors)]
+        return np.concatenate(found, axis=1).reshape(len(right), count, -1)
 
     @property
     def leverage(self) -> Floats:
-        """The share of each white coordinate that the base model describes, (N, 3)."""
-        z, w = (part.leverage for part in self._parts)
-        return np.column_stack([w.reshape(-1, 2), z])
+        """The share of each coordinate that the base model describes, (N, 3), in noise that does not wander."""
+        places, out = self._places, np.empty((len(self.whitening.factors), 3))
+        for found, part, (axes, _) in zip(self._factors, places.parts, PARTS):
+            unknown, factor, inverse = places.unknown[:, axes] - part.start, places.factor[:, axes], found.inverse()
+            out[:, axes] = sum(factor[..., one] * np.sum(
+                np.where(np.arange(one, 5) > one, 2, 1) * factor[..., one:] * inverse[
+                    unknown[..., one:], unknown[..., one, None]], axis=-1) for one in range(5))
+        return out * self.whitening.factors**2
 
     def parameters(self, columns: Floats) -> BaseParameters:
         """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge; of what was not touched NaN."""
-        z, w = (part.parameters(rows).T.reshape(len(columns), -1, self.n)
-                for part, rows in zip(self._parts, _split(self.whitening.apply(columns))))
-        lever = self.lever
-        curves = np.stack([w[:, 0], w[:, 1], z[:, 0], z[:, 1] / lever, z[:, 2] / lever, w[:, 2] / lever], axis=-1)
-        plate = np.stack([w[:, 3], w[:, 4], z[:, 3]], axis=-1)
-        cmm = np.stack([w[:, 5], w[:, 6], z[:, 4]], axis=-1)
-        curves, plate, cmm = (part * (term in self.terms) for term, part in zip(BASE_TERMS, (curves, plate, cmm)))
-        plate[:, self._left_out[0]] = cmm[:, self._left_out[1]] = np.nan
-        return BaseParameters(curves, plate, cmm)
+        columns = self.whitening.apply(columns)
+        found = self._described(columns)
+        found += self._described(columns - self._places.columns(found, self.whitening))
+        return self._named(self._each('in_gauge', found))
 
     def curve_cofactor(self) -> Floats:
         """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
-        if 'table_motions' not in self.terms:
-            return np.zeros((self.n, 6))
-        z, w = (part.variances.reshape(-1, self.n) for part in self._parts)
-        r = self.lever**2
-        return np.stack([w[0], w[1], z[0], z[1] / r, z[2] / r, w[2] / r], axis=-1)
+        return np.asarray(self._variances.curves[0])
 
     def deviation_cofactors(self) -> tuple[Floats, Floats]:
         """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each; not touched: NaN."""
-        z, w = (part.variances.reshape(-1, self.n) for part in self._parts)
-        plate, cmm = ((term in self.terms) * np.stack([*w[3 + 2 * place:5 + 2 * place], z[3 + place]], axis=-1)
-                      for place, term in enumerate(BASE_TERMS[1:]))
-        plate[self._left_out[0]] = cmm[self._left_out[1]] = np.nan
-        return plate, cmm
+        return self._variances.plate[0], self._variances.cmm[0]
 
+    @cached_property
+    def _variances(self) -> BaseParameters:
+        return self._named(np.concatenate([one.variances for one in self._factors]), 2)
 
-def _split(columns: NDArray[Real]) -> tuple[NDArray[Real], NDArray[Real]]:
-    """Return the rows of z, (N, m), and of x and y in turn, (2 N, m), of columns (m, N, 3)."""
-    return columns[..., 2].T, columns[..., :2].reshape(len(columns), 2 * columns.shape[1]).T
+    def _described(self, columns: Floats) -> Floats:
+        """Return unknowns (12 n, m) that describe white columns (m, N, 3) best, in no gauge."""
+        return self._each('solved', self._places.right_sides(columns, self.whitening))
+
+    def _each(self, what: str, values: Floats) -> Floats:
+        """Return what the factors of z and of x and y make of their rows of values (12 n, m)."""
+        return np.concatenate([getattr(one, what)(values[part])
+                               for one, part in zip(self._factors, self._places.parts)])
+
+    def _named(self, unknowns: Floats, power: int = 1) -> BaseParameters:
+        """Return unknowns (12 n, m), lengths to some power, as BaseParameters; of what was not touched NaN."""
+        places = self._places
+        blocks = np.where(places.touched[:, None], unknowns * places.in_use[:, None], np.nan).reshape(12, self.n, -1).T
+        return BaseParameters(blocks[..., [5, 6, 0, 1, 2, 7]] / np.repeat([1.0, self.lever**power], 3),
+                              blocks[..., [8, 9, 3]], blocks[..., [10, 11, 4]])
 
 
 def _too_few(run: Run, rank: str, missing: str = '') -> NotDeterminable:
@@ -219,3 +328,25 @@ def _too_few(run: Run, rank: str, missing: str = '') -> NotDeterminable:
         what = f'no ball centre at table position {", ".join(map(str, empty))}: the errors there cannot be determined'
     return NotDeterminable(f'{run.source}: {what}. Measure the missing balls; where RUN is a log: rosette calibrate '
                            '--resume RUN')
+
+
+def unseen(n: int) -> tuple[Floats, Floats]:
+    """Return the combinations of unknowns that no readings see, of z, (5 n, 6), and of x and y, (7 n, 7)."""
+    phi = nominal_angles(n)
+    c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
+    z = np.block([
+        [one, o, o, o, -one],       # height of the table against the CMM
+        [o, o, o, one, -one],       # height of the plate against the CMM
+        [o, one, o, o, -s],         # mean tilt about x: z = R sin alpha
+        [o, o, one, o, c],          # mean tilt about y: z = -R cos alpha
+        [o, c, s, -s, o],           # tilt that turns: z = R sin(alpha - phi)
+        [o, -s, c, c, o]])          # z = -R cos(alpha - phi)
+    w = np.block([
+        [one, o, o, o, o, -one, o],     # mean of ctx against the CMM
+        [o, one, o, o, o, o, -one],     # mean of cty
+        [c, s, o, -one, o, o, o],       # eccentricity of the plate
+        [-s, c, o, o, -one, o, o],
+        [o, o, one, s, -c, o, o],       # mean turn of the table against the plate
+        [o, o, o, -s, c, s, -c],        # turn of the plate against the CMM
+        [o, o, o, c, s, -c, -s]])       # radial scale of plate against CMM
+    return z.T, w.T

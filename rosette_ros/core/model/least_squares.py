@@ -19,7 +19,7 @@ from rosette_ros.core.effects.effect import BodyMotion, Searched, Setting
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
-from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace, Basis
+from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
 from rosette_ros.core.model.second_order import (
@@ -57,26 +57,17 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class FittedEffect:
-    """An effect with the setting in use, its parameters and its part of the model, (N, 3), m.
-
-    is_of_plate: whether it moves the plate as a body.
-    """
+    """An effect with the setting in use, its parameters and its part of the model, (N, 3), m."""
 
     name: str
     setting: Setting
     parameters: tuple[Parameter, ...]
     displacement: Floats
-    is_of_plate: bool
 
     @property
     def rms(self) -> float:
         """Root mean square of its part over all coordinates, m."""
         return float(np.sqrt(np.mean(self.displacement**2)))
-
-    @property
-    def largest(self) -> float:
-        """Largest displacement of a ball, m."""
-        return float(np.sqrt(np.sum(self.displacement**2, axis=1).max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +106,6 @@ class Fit:
     def white_residual(self) -> Floats:
         """The residual in white coordinates, (N, 3), m."""
         return np.asarray(self.joint.whitening.apply(self.residual[None])[0])
-
-    @property
-    def linear_limit(self) -> float:
-        """Displacement D^2 / R, m, below which nothing can be told beside effects that move the plate by D."""
-        return sum(one.largest for one in self.effects if one.is_of_plate)**2 / self.run.radius
 
     @property
     def p_of_small(self) -> float:
@@ -208,12 +194,6 @@ class JointSpace:
         for _ in range(2):
             flat = flat - (flat @ self._solve.T) @ self._flat[:self.q]
         return flat.reshape(rows.shape)
-
-    @cached_property
-    def basis(self) -> Basis:
-        """Orthonormal rows that span base model and effects in white coordinates."""
-        base = self.space.basis
-        return Basis(base.axial, base.plane, self._mixed.reshape(len(self._mixed), base.axial.shape[1], 3))
 
     @cached_property
     def _mixed(self) -> Floats:
@@ -453,6 +433,5 @@ def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpa
         parameters += [Parameter(parameter.name, part.setting.number(parameter.name), float(next(refined)),
                                  parameter.unit) for parameter in part.adjusted(*REFINED)]
         out.append(FittedEffect(part.term.name, part.setting, tuple(parameters),
-                                np.tensordot(amplitude[part.place], part.columns, axes=1),
-                                part.term.effect.body_motion(run, part.setting, amplitude[part.place]) is not None))
+                                np.tensordot(amplitude[part.place], part.columns, axes=1)))
     return tuple(out)

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
@@ -243,12 +244,36 @@ class AxisFilter:
         every = np.zeros((4, count * BLOCK))  # diagonals of G and D, and those below
         every[0], every[2] = 1.0, 1.0
         every[0, :size], every[1, 1:size] = self._band[0], self._band[1, :-1]
-        every[2, 0], every[3, 1:] = self._first, -self._phi
+        every[2, 0], every[3, 1:size] = self._first, -self._phi
         parts = every.reshape(4, count, BLOCK)
         both, place = np.zeros((2, count, BLOCK, BLOCK)), np.arange(BLOCK)
         both[:, :, place, place], both[:, :, place[1:], place[:-1]] = parts[::2], parts[1::2, :, 1:]
         inverse = np.linalg.inv(both[0])
         return np.asarray(inverse @ both[1]), inverse[:, :, 0]
+
+    def normal_equations(self, columns: Any) -> Floats:
+        """Return (W A)' W A, (q, q), of sparse columns A (N, q).
+
+        W of a block is that of its readings, and the first column of G^-1 times what the block before hands on: one
+        number for each column of A, which follows from the rows of that block and from what was handed to it."""
+        if not self._wanders:
+            white = scipy.sparse.diags_array(1 / self._sd) @ columns
+            return np.asarray((white.T @ white).toarray())
+        size, (inside, first) = columns.shape[0], self._in_blocks
+        count, start = len(first), np.minimum(np.arange(len(first) + 1) * BLOCK, size)
+        below = np.append(self._band[1, start[1:-1] - 1], 0.0)
+        ends = -below[:, None] * inside[:, -1]
+        ends[:, -1] -= self._phi
+        each = np.stack([ends, np.einsum('bij,bi->bj', inside, first)]).reshape(2, -1)[:, :size].ravel()
+        sums = scipy.sparse.csr_array((each, np.tile(np.arange(size), 2), np.append(start, size + start[1:]))) @ columns
+        handed, met = np.split(sums.toarray(), 2)  # over each block, (b, q)
+        handed, kept = np.roll(handed, 1, axis=0), np.roll(-below * first[:, -1], 1)
+        handed[0] = 0.0
+        for block in range(1, count):
+            handed[block] += kept[block] * handed[block - 1]
+        both = (met + 0.5 * np.sum(first**2, axis=1)[:, None] * handed).T @ handed
+        pairs = scipy.sparse.bsr_array((inside.swapaxes(1, 2) @ inside, np.arange(count), np.arange(count + 1)))
+        return np.asarray((columns.T @ (pairs.tocsr()[:size, :size] @ columns)).toarray() + both + both.T)
 
     def of_columns(self, columns: NDArray[Any]) -> Floats:
         """Return W of columns (N, m) by products of blocks, in a fifth of the time of `apply` where these are many."""
