@@ -104,10 +104,8 @@ Commands = tuple[Command, ...]
 def with_advice(words: str, log: str, is_measured: bool, where: Collection[str]) -> str:
     """Return how a run ended and how to continue it; log: '' where there is none; where: options of its cell."""
     words = words.removesuffix(f'; {KEPT} the log').removesuffix(f'; {NOTHING}')
-    more = shlex.join(['rosette', 'calibrate', '--resume', log, *where])
-    if not is_measured:
-        return f'{words}; {NOTHING}'
-    return f'{words}; {KEPT} {log}; {CONTINUE}{more}' if log else f'{words}; {KEPT} no log'
+    more = f'{CONTINUE}{shlex.join(["rosette", "calibrate", "--resume", log, *where])}'
+    return f'{words}; {NOTHING if not is_measured else f"{KEPT} {log}; {more}" if log else f"{KEPT} no log"}'
 
 
 def complaint(answer: Answer, target: Target, limits: Limits, frames: Collection[str] = FRAMES) -> str:

@@ -31,6 +31,7 @@ from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
     from rosette_ros.calibration.goal import Job, Request
     from rosette_ros.core.diagnosis import diagnosis as core
+    from rosette_ros.core.diagnosis.candidates import Candidate
     from rosette_ros.core.model import model as core_model
     from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.dme.ball_probing import MeasuredBall
@@ -240,7 +241,7 @@ def noise_message(fit: 'Fit') -> msg.Noise:
         resolution=float(noise.resolution))
 
 
-def candidate_message(entry: 'core.Candidate') -> msg.Candidate:
+def candidate_message(entry: 'Candidate') -> msg.Candidate:
     """Return the Candidate message of a core Candidate; what was searched is its definition."""
     setting = format_entry(dict(entry.setting)) if entry.setting else ''
     same = ('p', 'visible_fraction', 'rms_before', 'rms_after', 'delta_bic')

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change, LadderStep, Summary
+from rosette_ros.core.diagnosis.candidates import Candidate
 from rosette_ros.core.diagnosis.comparison import DRAWS, Comparison
-from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE

@@ -5,7 +5,7 @@ A name is claimed where the probability that it, or what this order of measureme
 least CLAIM. The search-wide probability that noise alone does as well stays beside it as a guard.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -14,7 +14,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.bank import Bank, families_of, why_not_judged
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
-from rosette_ros.core.diagnosis.cross_validation import CrossValidation, cross_validation_rms
+from rosette_ros.core.diagnosis.candidates import Candidate, candidates_of
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, State, with_priors
@@ -26,8 +26,8 @@ from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import moving_bodies
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
@@ -62,29 +62,6 @@ class Unnamed:
     motion: str
     setting: Setting
     probability: float
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """An effect that could be what the model lacks.
-
-    probability: that the run has it; p: search-wide probability that noise does as well; rms of the fit and of the
-    cross-validation before and after adding it, m; delta_bic: before minus after, positive favours it; parameters: of
-    the joint fit with all claimed."""
-
-    effect: str
-    setting: Mapping[str, float | str]
-    probability: float
-    p: float
-    visible_fraction: float
-    rms_before: float
-    rms_after: float
-    cross_validation_before: float
-    cross_validation_after: float
-    delta_bic: float
-    parameters: tuple[Parameter, ...]
-    look_alikes: tuple[str, ...]
-    claimed: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,8 +272,10 @@ class RunSearch:
         return frozenset(out)
 
     def _is_certain(self, cause: Cause) -> bool:
-        """Return whether no other law of the motions of a cause is near its own by likelihood."""
-        if not cause.names or cause.law_probability < SURE:
+        """Return whether no other law of the motions of a cause is near its own by likelihood.
+
+        Beside a motion without a name none is certain: what has no law of the library may be a part of it."""
+        if not cause.names or cause.law_probability < SURE or any(one.family.is_free for one in self.chosen.members):
             return False
         for place, one in enumerate(self.chosen.members):
             if one.place in cause.places:
@@ -390,7 +369,7 @@ class RunSearch:
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """The finding with candidates and shapes."""
-        candidates, refused = _candidates(self)
+        candidates, refused = candidates_of(self)
         unavailable = tuple((name, reason) for name, effect in effects_of(self.run).items()
                             if (reason := why_not_judged(effect, self.run)))
         return Diagnosis(**vars(self.finding), candidates=candidates,
@@ -436,64 +415,3 @@ class RunSearch:
             if f_test(without, self.start) > GUARD:
                 out.append(str(term))
         return tuple(out)
-
-
-def _candidates(search: RunSearch) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
-    """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed; and the
-    names of those that have no fit, with the reason."""
-    out = [_base_candidate(search, term) for term in search.absent]
-    if search.noiseless:
-        return tuple(out), ()
-    evidence, blocks = search.evidence, CrossValidation(search.base.joint, search.run.size)
-    before = evidence.empty
-    for place, ((member, claim), fitted) in enumerate(zip(search.claimed, search.claimed_effects)):
-        p = search.p_of_member(search.chosen.members.index(member))
-        out.append(_candidate(search, member, before, blocks, claim.probability, p, fitted.parameters, claim.alike))
-        before = State(evidence, [one for one, _ in search.claimed[:place + 1]])
-    known = {one.name for one, _ in search.claimed}
-    offers = [one for one in before.offers(is_open=False) if one.family.name not in known]
-    refused = []
-    for offer in offers:
-        member = evidence.member(offer.family, offer.setting, offer.volume)
-        if evidence.dof <= len(before.basis) + len(member.rows):
-            continue
-        try:
-            fitted = search.with_members([*(one for one, _ in search.claimed), member]).effects[-1]
-            out.append(_candidate(search, member, before, blocks, search.posterior.of(member.name),
-                                  search.p(offer.gain), fitted.parameters))
-        except NotDeterminable:
-            refused.append((offer.family.name, 'its fit to these readings does not converge'))
-    return tuple(out), tuple(refused)
-
-
-def _candidate(search: RunSearch, member: Member, state: State, blocks: CrossValidation, probability: float, p: float,
-               parameters: tuple[Parameter, ...], alike: Sequence[str] | None = None) -> Candidate:
-    """Return the Candidate of a member beside a state; alike: None where it is not claimed."""
-    evidence = search.evidence
-    scale, size = evidence.scale, 3 * search.run.size
-    residual, basis = state.extended(member.rows)
-    left, used = float(residual @ residual), len(state.basis) + _searched(state.members)
-    more = used + len(basis) - len(state.basis) + _searched([member])
-    rms_before, rms_after = (scale * float(np.sqrt(rss / max(evidence.dof - count, 1)))
-                             for rss, count in ((state.rss, used), (left, more)))
-    share = min(float(np.sqrt(np.sum(member.rows**2) / max(len(member.rows), 1))), 1.0)
-    return Candidate(
-        member.name, dict(member.setting), probability, p, share, rms_before, rms_after,
-        scale * blocks.rms(state.residual, state.basis), scale * blocks.rms(residual, basis),
-        float(size * np.log(max(state.rss, 1e-300) / max(left, 1e-300)) - (more - used) * np.log(size)), parameters,
-        tuple(alike or ()), alike is not None)
-
-
-def _searched(members: Sequence[Member]) -> int:
-    """Return how many numbers of members are searched; choices do not count."""
-    return sum(one.kind != 'choice' for member in members for one in member.family.effect.searched)
-
-
-def _base_candidate(search: RunSearch, term: str) -> Candidate:
-    run, after = search.run, search.base
-    before = fit(run, after.model.without_effect(term), after.settings, after.noise)
-    left, rss = (each.rms**2 * each.dof for each in (after, before))
-    error, error_with = cross_validation_rms(before), cross_validation_rms(after)
-    size, p = 3 * run.size, min(f_test(before, after) * (2**len(search.absent) - 1), 1.0)
-    return Candidate(term, {}, 1 - p, p, 1.0, before.rms, after.rms, error, error_with,
-                     float(size * np.log(rss / left) - (after.rank - before.rank) * np.log(size)), (), (), True)

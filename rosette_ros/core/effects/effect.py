@@ -8,7 +8,7 @@ docs/adding-an-effect.md shows one.
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, product
 from typing import Any, ClassVar
@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rosette_ros.core.axes import UPRIGHT, tilt
-from rosette_ros.core.effects.run_functions import around, beside, between_readings
+from rosette_ros.core.effects.run_functions import BodyMotion, around, beside, between_readings
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Ints, Run
 
@@ -105,23 +105,6 @@ class Factors:
     directions: Floats
     of_setting: tuple[tuple[int, tuple[int, ...]], ...]
     at: Ints | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class BodyMotion:
-    """What effects do to the plate as a body: rotation vector (N, 3), rad, growth (N,), shift on the table (N, 3), m.
-
-    beyond: what the shift is beyond first order in the amplitudes, (N, 3), m.
-    """
-
-    rotation: Floats = field(default_factory=lambda: np.zeros((1, 3)))
-    growth: Floats = field(default_factory=lambda: np.zeros(1))
-    shift: Floats = field(default_factory=lambda: np.zeros((1, 3)))
-    beyond: Floats = field(default_factory=lambda: np.zeros((1, 3)))
-
-    def __add__(self, other: 'BodyMotion') -> 'BodyMotion':
-        return BodyMotion(self.rotation + other.rotation, self.growth + other.growth, self.shift + other.shift,
-                          self.beyond + other.beyond)
 
 
 class _ByValue:

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
-from rosette_ros.core.effects.effect import BodyMotion, Bracket, Motion, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.effect import Bracket, Motion, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.run_functions import BodyMotion
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import Floats, Run
 

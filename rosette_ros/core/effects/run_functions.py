@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Functions of the readings of a run, and directions in which they displace balls: what effects are made of."""
 
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 
@@ -14,6 +15,23 @@ COARSE = 4
 """Readings of one temperature in a row, on average, above which it is taken as rounded."""
 LONG_GAP = 0.06
 """Share of the run without temperatures from which on it may have gone another way than straight."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMotion:
+    """What effects do to the plate as a body: rotation vector (N, 3), rad, growth (N,), shift on the table (N, 3), m.
+
+    beyond: what the shift is beyond first order in the amplitudes, (N, 3), m.
+    """
+
+    rotation: Floats = field(default_factory=lambda: np.zeros((1, 3)))
+    growth: Floats = field(default_factory=lambda: np.zeros(1))
+    shift: Floats = field(default_factory=lambda: np.zeros((1, 3)))
+    beyond: Floats = field(default_factory=lambda: np.zeros((1, 3)))
+
+    def __add__(self, other: 'BodyMotion') -> 'BodyMotion':
+        return BodyMotion(self.rotation + other.rotation, self.growth + other.growth, self.shift + other.shift,
+                          self.beyond + other.beyond)
 
 
 def seconds(run: Run) -> Floats:

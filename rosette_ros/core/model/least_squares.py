@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from rosette_ros.core.effects.effect import BodyMotion, Searched, Setting
+from rosette_ros.core.effects.effect import Searched, Setting
 from rosette_ros.core.effects.free import FREE
+from rosette_ros.core.effects.run_functions import BodyMotion
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
 from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace

@@ -12,7 +12,7 @@ that it consists of is known: by Gauss and Newton, from fit to fit.
 
 import numpy as np
 
-from rosette_ros.core.effects.effect import BodyMotion
+from rosette_ros.core.effects.run_functions import BodyMotion
 from rosette_ros.core.geometry import nominal_angles, radial, rotate_z
 from rosette_ros.core.model.base_space import BaseParameters, BaseSpace
 from rosette_ros.core.model.kinematics import axis_tilt, moved, on_table

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rosette_ros.analysis import LadderStep
-from rosette_ros.core.diagnosis.diagnosis import Candidate
+from rosette_ros.core.diagnosis.candidates import Candidate
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import Floats

@@ -5,7 +5,8 @@ from collections.abc import Awaitable, Callable, Sequence
 
 from nicegui import ui
 
-from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
+from rosette_ros.core.diagnosis.candidates import Candidate
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Level, Verdict
