@@ -197,7 +197,7 @@ def laws_words(cause: 'Cause') -> str:
 
 
 def moves_words(one: MissingEffect) -> str:
-    """Return what moves with what: 'the probe moves with time (travel and temperature run alike here)'; else names."""
+    """Return what moves with what: 'the probe moves with time'; or names."""
     effect, cause = MEANINGS.get(one.name), one.cause
     if cause is None or not isinstance(effect, PhysicalEffect) or not one.depth:
         return ' or '.join(map(title_of, (one.name, *(name for name, _ in one.alternatives))))
@@ -206,14 +206,13 @@ def moves_words(one: MissingEffect) -> str:
         return f'reading {cause.number("reading")} is off'
     if ball is not None:
         verb = f'ball {ball} {"moves" if verb.endswith("moves") else "is off"}'
-    return f'{verb} with {names(map(_alternatives_words, cause.variables))}'
+    return f'{verb} with {names(VARIABLES.get(first, first) for first, *_ in cause.variables)}'
 
 
-def _alternatives_words(some: Sequence[str]) -> str:
-    # the number of readings rises with time in any order
+def _alike_words(some: Sequence[str]) -> str:
+    """Return which variables run like the first one of a set, '' where none does but the number of readings."""
     first, *others = (VARIABLES.get(name, name) for place, name in enumerate(some) if not place or name != 'touches')
-    alike = f' ({names(others)} run{"s" if len(others) == 1 else ""} alike here)' if others else ''
-    return f'{first}{alike}'
+    return f'{capital(names(others))} run{"s" * (len(others) == 1)} like {first} in this order.' if others else ''
 
 
 def _unnamed_sentences(every: Sequence[UnnamedMotion]) -> list[str]:
@@ -286,6 +285,8 @@ def _limits(verdict: Verdict) -> list[str]:
         if others:
             out.append(f'This run cannot tell {title_of(one.name)} from {" or ".join(others)}.')
     out = [*dict.fromkeys(out)]
+    sets = [some for one in verdict.missing if one.cause and one.depth == 1 for some in one.cause.variables]
+    out += filter(None, dict.fromkeys(map(_alike_words, sets)))
     if verdict.hidden:
         out.append(f'This run could not have shown {some_titles(verdict.hidden)}.')
     return out

@@ -265,4 +265,4 @@ def test_two_effects_are_found_of_which_neither_is_worth_much_alone():
     found, search = diagnose(run), search_of(run).white
     assert trial.judge(found, truth)['judged'] == 'right' and regret(run, truth.hidden) < 0.1
     both, *alone = (search.looked[tuple(sorted(names))][0] for names in (truth.hidden, *zip(truth.hidden)))
-    assert both > sum(alone) + 15 and {one.bodies for one in found.causes} == {frozenset(['frame'])}
+    assert both > sum(alone) + 15 and {one.bodies[0] for one in found.causes} == {'frame'}

@@ -93,11 +93,11 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
      'single wrong reading, reading 48 (97 %)'),
     (MissingEffect('frame_drift', {}, {}, cause(
         'frame', ALIKE, 0.99, {'frame_drift': 0.61, 'frame_warmup': 0.36, 'frame_step': 0.01})),
-     'the probe moves with time (the temperature and the angle that the table has turned run alike here) (99 %), most '
+     'the probe moves with time (99 %), most '
      'like drift of the probe relative to the table (61 %), warm-up of the machine (36 %)'),
     (MissingEffect('frame_drift', {}, {}, cause('frame', (('time', 'travel'),), 0.99, {
         'frame_drift + frame_cycle': 0.8, '': 0.19})),
-     'the probe moves with time (the angle that the table has turned runs alike here) (99 %), most like drift of the '
+     'the probe moves with time (99 %), most like drift of the '
      'probe relative to the table and periodic motion of the machine (80 %), no law of the library (19 %)'),
     (MissingEffect('frame_drift', {}, {}, cause('frame', ALIKE, 0.5, {'frame_drift': 0.5}),
                    (('table_zero_drift', 0.42),), 0.92),

@@ -221,7 +221,7 @@ class RunSearch:
         evidence = evidence_of(self.base, bank)
         for _ in range(RELINEARISED):
             search = Search(evidence)
-            named = [] if self.noiseless else [one for one in search.grown.members if not one.family.is_free]
+            named = [] if self.noiseless else search.grown_of_names.members
             beyond = self.with_members(named).beyond if named else self.base.beyond
             if np.abs(beyond - self.base.beyond).max() <= NEGLIGIBLE:
                 break

@@ -161,6 +161,13 @@ class Search:
             best = top
         return best
 
+    @property
+    def grown_of_names(self) -> State:
+        """The State of the largest evidence among those on the way to `grown` whose members all have names."""
+        self.grown  # noqa: B018 (looks at them)
+        return max((one for one in self.states.values() if not any(each.family.is_free for each in one.members)),
+                   key=_evidence)
+
     @cached_property
     def best(self) -> State:
         """The State of the largest evidence that the search finds, by exchanging members of the one that was grown."""
