@@ -104,7 +104,7 @@ def monte_carlo(made: Budget, trials: int, seed: int = 0, on_step: Callable[[int
         if on_step:
             on_step(count)
     off = curves - made.fit.error_motions.values
-    expected = made.combined(with_bounds=False)
+    expected = made.combined(with_bounds=False, with_hidden=False)
     scatter = off - off.mean(axis=0)
     covariance = np.einsum('mia,mib->iab', scatter, scatter, optimize=True) / trials
     agreements = tuple(_agreement(off[:, :, place], expected[:, place]) for place in range(6))

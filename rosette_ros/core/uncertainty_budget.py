@@ -9,7 +9,7 @@ with G the least squares from readings to curves, effects of the model fitted an
 squares; the degrees of freedom follow Welch and Satterthwaite.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,16 +21,16 @@ from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lin
 from rosette_ros.core.errors import InvalidData, unknown
 from rosette_ros.core.form_field import form_basis, standard_height
 from rosette_ros.core.geometry import radial, rotate_z
+from rosette_ros.core.mixture import Mixture
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
+from rosette_ros.core.model.surroundings import CLAIMED, MOST_BALLS, Surrounded, at_ball, source_of, surrounded
 from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
 from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.core.touches import LEAST_TOUCHES, centre_factors, usual_directions
 
-MOST_BALLS = 72
-"""Budgets of larger plates would take minutes."""
 CHUNK = 256
 """Readings that are propagated together."""
 LEAST_SHARE = 0.25
@@ -58,8 +58,9 @@ class Contribution:
 
     name, words: what it is; kind: A by statistics, B by other knowledge (GUM 4.2, 4.3); distribution: of the input;
     value: standard uncertainty of the input in `unit` (SI); dof: its degrees of freedom; u: (n, 6) of the curves, m and
-    rad; source: whence the value is; is_bound: whether it is a bound, which a Monte Carlo does not repeat; is_noise:
-    whether its size is that of the noise of the readings.
+    rad; source: whence the value is; is_bound: whether it is a bound; is_hidden: whether it is an effect that may be
+    there, as an environment states it: a Monte Carlo repeats neither; is_noise: whether its size is that of the noise
+    of the readings.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Contribution:
     source: str
     is_bound: bool = False
     is_noise: bool = False
+    is_hidden: bool = False
 
     @property
     def mean(self) -> Floats:
@@ -91,7 +93,8 @@ class Budget:
 
     inputs: as stated; contributions: in order; open: what is not considered, in sentences; sigma: what white noise is
     multiplied by, m, once what other influences leave in the residuals is taken off; touch: scatter and directions of
-    the touches; touch_share: (3,) part of the variance of a centre that they are.
+    the touches; touch_share: (3,) part of the variance of a centre that they are; around: the fit in the environment
+    that is stated, None where none is.
     """
 
     fit: Fit
@@ -102,10 +105,12 @@ class Budget:
     dof: float
     touch: TouchScatter | None
     touch_share: Floats
+    around: Surrounded | None = None
 
-    def combined(self, with_bounds: bool = True) -> Floats:
+    def combined(self, with_bounds: bool = True, with_hidden: bool = True) -> Floats:
         """Return the combined standard uncertainty of each point of the curves, (n, 6), m and rad (GUM 5.1.2)."""
-        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if with_bounds or not one.is_bound)))
+        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if (with_bounds or not one.is_bound) and (
+            with_hidden or not one.is_hidden))))
 
     @property
     def mean(self) -> Floats:
@@ -114,22 +119,28 @@ class Budget:
 
     @property
     def error_motions(self) -> ErrorMotions:
-        """The curves of the fit with their combined standard uncertainties, bounds left out."""
-        return replace(self.fit.error_motions, u=self.combined(False))
+        """The curves with their combined standard uncertainties, bounds left out."""
+        return replace((self.around or self.fit).error_motions, u=self.combined(False))
 
     def lines(self, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
         """Return the AxisErrors of the curves with these uncertainties; tolerances, doubt: as of error_lines.
 
             u^2(range) = sigma^2 cofactor(difference) + sum over what is no noise of (u(highest) + u(lowest))^2
 
-        No correlation of both points exceeds the sum."""
+        No correlation of both points exceeds the sum; that of what is claimed or may be there is known."""
         motions, curve = self.error_motions, range(6)
         high, low = extremes(motions)
-        square = self.sigma**2 * self.fit.joint.difference_cofactor(high, low)
+        joint, parts = self.fit.joint, {}
+        if self.around:
+            joint, parts = joint.without_effects, self.around.difference_parts(high, low)
+        square = self.sigma**2 * joint.difference_cofactor(high, low) + sum(parts.values())
         for one in self.contributions:
-            if not (one.is_noise or one.is_bound):
+            if not (one.is_noise or one.is_bound or one.is_hidden):
                 square = square + (one.u[high, curve] + one.u[low, curve])**2
-        return error_lines(motions, np.sqrt(square), tolerances, doubt)
+        lines = error_lines(motions, np.sqrt(square), tolerances, doubt)
+        return lines if self.around is None else tuple(replace(line, spread=Mixture.of_parts(
+            line.range, line.u_range**2, [(p, float(parts[name][place])) for name, p in self.around.there.items()]))
+            for place, line in enumerate(lines))
 
     @property
     def effective_dof(self) -> Floats:
@@ -195,14 +206,16 @@ def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | N
             'touches', f'scatter of single touches, {len(touch.direction)} to a sphere', 'A',
             'normal', touch.sigma, 'm', touch.dof, sigma * np.sqrt(np.tensordot(share, variance, axes=1)),
             touch.source, is_noise=True))
+    around = surrounded(fit, inputs.environment) if inputs.environment else None
     if fit.effects:
-        u = sigma * np.sqrt(fit.joint.effect_cofactor())
+        u = np.sqrt(around.parts[CLAIMED]) if around else sigma * np.sqrt(fit.joint.effect_cofactor())
         names = ', '.join(dict.fromkeys(one.name for one in fit.effects))
-        lines.append(Contribution('effects in the model', f'U of {names}, with all covariances', 'A', 'normal',
+        lines.append(Contribution(CLAIMED, f'U of {names}, with all covariances', 'A', 'normal',
                                   sigma, 'm', dof, u, 'the fit', is_noise=True))
     lines += [one.line for one in displaced]
-    lines += [*_frame(fit, inputs), *_bounds(fit, inputs, hidden)]
-    return Budget(fit, inputs, tuple(lines), tuple(_open(fit, inputs, touch, hidden, doubt)), sigma, dof, touch, share)
+    lines += [*_frame(fit, inputs), *(_hidden(around) if around else ()), *_bounds(fit, inputs, hidden)]
+    return Budget(fit, inputs, tuple(lines), tuple(_open(fit, inputs, touch, hidden, doubt)), sigma, dof, touch, share,
+                  around)
 
 
 def touch_scatter(refit: SphereRefit | None) -> TouchScatter | None:
@@ -374,6 +387,16 @@ def _frame(fit: Fit, inputs: BudgetInputs) -> list[Contribution]:
     return out
 
 
+def _hidden(around: Surrounded) -> Iterator[Contribution]:
+    """Yield a line for each effect that may be there, the one of the largest share in a curve first."""
+    stated = at_ball(around.environment, around.fit.run)
+    for name in around.shares:
+        yield Contribution(
+            f'hidden: {name}', f'may be there by {100 * around.there[name]:.0f} %, as far as the readings show',
+            'B', 'normal, or nothing', stated[name], 'm', np.inf, np.sqrt(around.parts[name]),
+            source_of(around.environment, name), is_hidden=True)
+
+
 def _bounds(fit: Fit, inputs: BudgetInputs, hidden: Sequence[Visibility] | None) -> list[Contribution]:
     """Return bounds of effects that are not in the model: of stated sizes, and of the worst that stays unnoticed."""
     if hidden is None:
@@ -411,7 +434,8 @@ def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
     if touch is None:
         out.append('The scatter of single touches (touches) is not recorded; it is part of the repeatability.')
     if hidden is None:
-        out.append('Effects that this order of measurement hides.')
+        out.append('Effects that this order of measurement hides' + (
+            f', beyond what the environment states ({inputs.environment.name}).' if inputs.environment else '.'))
     else:
         harmful = [one.name for one in hidden if not one.reason and not np.isfinite(one.detectable)
                    and one.name not in inputs.bounds
