@@ -22,7 +22,6 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, find, fitt
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.environment import Environment
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.model.least_squares import Fit, fit
@@ -31,6 +30,7 @@ from rosette_ros.core.model.surroundings import unseen
 from rosette_ros.core.planning.advice import Advice, advise, advise_run
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import ErrorMotions, Floats, Run
+from rosette_ros.core.stated_environment import Environment
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
 """Parts of a summary in the order in which they are calculated."""

@@ -15,8 +15,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from rosette_ros.core.environment import CLASSES
 from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.stated_environment import CLASSES
 from rosette_ros.io.text_file import refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 

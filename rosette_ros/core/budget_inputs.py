@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rosette_ros.core.environment import Environment
 from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.stated_environment import Environment
 from rosette_ros.core.touches import TOUCHES, USUAL
 
 

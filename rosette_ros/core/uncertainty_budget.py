@@ -58,9 +58,8 @@ class Contribution:
 
     name, words: what it is; kind: A by statistics, B by other knowledge (GUM 4.2, 4.3); distribution: of the input;
     value: standard uncertainty of the input in `unit` (SI); dof: its degrees of freedom; u: (n, 6) of the curves, m and
-    rad; source: whence the value is; is_bound: whether it is a bound; is_hidden: whether it is an effect that may be
-    there, as an environment states it: a Monte Carlo repeats neither; is_noise: whether its size is that of the noise
-    of the readings.
+    rad; source: whence the value is; is_bound: whether it is a bound, is_hidden: an effect that may be there: a Monte
+    Carlo repeats neither; is_noise: whether its size is that of the noise of the readings.
     """
 
     name: str
@@ -93,8 +92,7 @@ class Budget:
 
     inputs: as stated; contributions: in order; open: what is not considered, in sentences; sigma: what white noise is
     multiplied by, m, once what other influences leave in the residuals is taken off; touch: scatter and directions of
-    the touches; touch_share: (3,) part of the variance of a centre that they are; around: the fit in the environment
-    that is stated, None where none is.
+    the touches; touch_share: (3,) part of the variance of a centre that they are; around: in the environment stated.
     """
 
     fit: Fit
@@ -137,10 +135,10 @@ class Budget:
         for one in self.contributions:
             if not (one.is_noise or one.is_bound or one.is_hidden):
                 square = square + (one.u[high, curve] + one.u[low, curve])**2
-        lines = error_lines(motions, np.sqrt(square), tolerances, doubt)
-        return lines if self.around is None else tuple(replace(line, spread=Mixture.of_parts(
-            line.range, line.u_range**2, [(p, float(parts[name][place])) for name, p in self.around.there.items()]))
-            for place, line in enumerate(lines))
+        there = self.around.there if self.around else {}
+        return tuple(replace(line, spread=Mixture.of_parts(line.range, line.u_range**2, [
+            (p, float(parts[name][place])) for name, p in there.items()]) if there else None)
+            for place, line in enumerate(error_lines(motions, np.sqrt(square), tolerances, doubt)))
 
     @property
     def effective_dof(self) -> Floats:
@@ -389,12 +387,11 @@ def _frame(fit: Fit, inputs: BudgetInputs) -> list[Contribution]:
 
 def _hidden(around: Surrounded) -> Iterator[Contribution]:
     """Yield a line for each effect that may be there, the one of the largest share in a curve first."""
-    stated = at_ball(around.environment, around.fit.run)
+    stated, words = at_ball(around.environment, around.fit.run), 'may be there by {:.0f} %, as far as the readings show'
     for name in around.shares:
-        yield Contribution(
-            f'hidden: {name}', f'may be there by {100 * around.there[name]:.0f} %, as far as the readings show',
-            'B', 'normal, or nothing', stated[name], 'm', np.inf, np.sqrt(around.parts[name]),
-            source_of(around.environment, name), is_hidden=True)
+        yield Contribution(f'hidden: {name}', words.format(100 * around.there[name]), 'B', 'normal, or nothing',
+                           stated[name], 'm', np.inf, np.sqrt(around.parts[name]),
+                           source_of(around.environment, name), is_hidden=True)
 
 
 def _bounds(fit: Fit, inputs: BudgetInputs, hidden: Sequence[Visibility] | None) -> list[Contribution]:

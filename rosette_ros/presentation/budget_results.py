@@ -7,9 +7,9 @@ import numpy as np
 from scipy import special
 
 from rosette_ros.core.budget_monte_carlo import MonteCarlo
-from rosette_ros.core.environment import KINDS, Environment
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES
+from rosette_ros.core.stated_environment import KINDS, Environment
 from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, Contribution, root_mean
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain

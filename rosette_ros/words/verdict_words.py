@@ -17,9 +17,9 @@ from rosette_ros.core.diagnosis.verdict import (
 )
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
-from rosette_ros.core.environment import LABORATORY
 from rosette_ros.core.number_words import micrometres, multiple, p_words
 from rosette_ros.core.records import SI_UNITS
+from rosette_ros.core.stated_environment import LABORATORY
 from rosette_ros.words.effect_words import (
     MEANINGS,
     SCALES,

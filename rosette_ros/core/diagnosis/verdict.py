@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rosette_ros.core.environment import Unseen
 from rosette_ros.core.records import ROUNDED, Floats, Run, resolution_of
+from rosette_ros.core.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.diagnosis.posterior import Claim

@@ -25,10 +25,10 @@ from scipy.linalg import solve_triangular
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
 from rosette_ros.core.effects.library import EFFECTS, effects_of
-from rosette_ros.core.environment import KINDS, LABORATORY, Environment, Unseen
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.model.least_squares import HIDDEN, REFINED, Fit, observed
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
+from rosette_ros.core.stated_environment import KINDS, LABORATORY, Environment, Unseen
 
 EXPECTED = 2.0
 """Effects that are there in a run, of all that may be."""
@@ -189,7 +189,7 @@ def _reach(columns: Floats) -> Floats:
     return np.asarray(np.where(most > 0, most, 1.0))
 
 
-class _Block(NamedTuple):
+class _EffectBlock(NamedTuple):
     """The columns of an effect that count: the probability that it is there, standard deviation of each amplitude (q,),
     what the base model leaves of them (q, 3 N), and what they do to the curves, (q, 6 n)."""
 
@@ -200,7 +200,7 @@ class _Block(NamedTuple):
     curves: Floats
 
 
-def _blocks(fit: Fit, environment: Environment, own: Floats) -> Iterator[_Block]:
+def _blocks(fit: Fit, environment: Environment, own: Floats) -> Iterator[_EffectBlock]:
     """Yield the _Blocks of an environment beside the claims of a fit, whose white rows are `own`, (q, 3 N)."""
     run, space, noise = fit.run, fit.joint.space, fit.rms or 1.0
     sizes, claimed = at_ball(environment, run), {term.name for term in fit.model.terms}
@@ -227,7 +227,7 @@ def _blocks(fit: Fit, environment: Environment, own: Floats) -> Iterator[_Block]
         curves = space.parameters(columns).curves
         keep = np.max((spread[:, None, None] * curves)**2 / least, axis=(1, 2)) > 1
         if np.any(keep):
-            yield _Block(name, float(p.sum()), spread[keep], rows[keep], curves[keep].reshape(-1, 6 * run.n))
+            yield _EffectBlock(name, float(p.sum()), spread[keep], rows[keep], curves[keep].reshape(-1, 6 * run.n))
 
 
 def _columns(run: Run, effect: PhysicalEffect) -> Iterator[Floats]:
