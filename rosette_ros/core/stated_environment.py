@@ -46,7 +46,7 @@ class Unseen:
     environment: the name of the one that is stated, '' where none is: U is that of the readings alone then. curve: the
     one of which it is the largest part; alone, whole: U of its points by the readings alone, and with the environment
     or, where none is stated, with the class LABORATORY, m or rad; largest: the effect that is most of the difference,
-    '' where there is none; share: its part of the whole variance."""
+    '' where there is none; share: of all effects that may be there in the variance of that curve."""
 
     environment: str
     curve: str

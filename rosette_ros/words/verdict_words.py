@@ -143,7 +143,7 @@ def _sentences(verdict: Verdict) -> list[str]:
     if not verdict.has_motions:
         out.append('The model has no error motions of the table: their curves are zero by assumption.')
     if (one := verdict.unseen) and one.environment and one.share > MOST_OF_U:
-        out.append(f'{capital(title_of(one.largest))}, which this order cannot show, is most of U of {one.curve}.')
+        out.append(f'Most of U of {one.curve} is what this order cannot show, first of all {title_of(one.largest)}.')
     return out
 
 

@@ -135,10 +135,10 @@ def unseen(fit: Fit, environment: Environment | None = None) -> Unseen | None:
     at, curve = np.unravel_index(made.growth.argmax(), made.growth.shape)
     if not environment and made.growth[at, curve] < MATTERS:
         return None
-    largest = max(made.shares, key=lambda name: float(made.shares[name][curve]), default='')
+    shares = {name: float(one[curve]) for name, one in made.shares.items()}
     alone, whole = (COVERAGE_FACTOR * float(one.u[at, curve]) for one in (fit.error_motions, made.error_motions))
-    return Unseen(environment.name if environment else '', CURVES[curve], alone, whole, largest,
-                  float(made.shares[largest][curve]) if largest else 0.0)
+    return Unseen(environment.name if environment else '', CURVES[curve], alone, whole,
+                  max(shares, key=lambda name: shares[name], default=''), sum(shares.values()))
 
 
 @lru_cache(maxsize=4)
