@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.blind.cause import Variables
+from benchmarks.blind.cause import BODIES, Names, Variables
+from benchmarks.blind.library import statement
 from benchmarks.blind.runs import SIGMA, visible_part
 from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
+from rosette_ros.presentation.json_output import levels_json
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 if TYPE_CHECKING:
@@ -33,7 +35,8 @@ PLACE = frozenset(('table angle', 'ball', 'CMM position'))
 def answered(found: Any) -> Record:
     """Return what a Diagnosis says.
 
-    told: for each thing without a name the alternatives of the variables on which it depends.
+    told: for each thing without a name the alternatives of the variables on which it depends; levels: of each thing
+    motion, variables, probability (level 1), and law, law_certain (level 2).
     """
     text = unexplained_words(found.verdict)
     told = [[sorted(one) for one in thing.alternatives] for thing in found.unnamed]
@@ -47,6 +50,7 @@ def answered(found: Any) -> Record:
             for one in found.explanations],
         'probability_of_nothing': float(found.probability_of_nothing),
         'probability_of_unnamed': float(found.probability_of_unnamed),
+        'levels': levels_json(found.causes),
         'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
         'sentence': verdict_text(found.verdict).sentence, 'rms': float(found.final.rms)}
 
@@ -76,6 +80,12 @@ def truths(claims: Sequence[Record], truth: 'Truth', left: float) -> list[bool]:
 def _fair(truth: 'Truth', left: float) -> set[str]:
     """Return the names that are true in a run of which the claims leave so much of what is hidden, in σ."""
     return {*truth.hidden, *truth.right, *truth.part, *(truth.family if left < ALIKE else ())}
+
+
+def law_judged(levels: Iterable[Record], truth: 'Truth', left: float) -> list[bool | None]:
+    """Return of each level whether its law is true, as the name of a claim is; None where it has none."""
+    return [None if one['law'] is None else bool(truth.readings) if one['law'] == 'outlier'
+            else {*one['law'].split(' + ')} <= _fair(truth, left) for one in levels]
 
 
 def judged(answer: Record, truth: 'Truth', left: float) -> str:
@@ -112,6 +122,28 @@ def is_told(told: Iterable[Iterable[Iterable[str]]], variables: Variables) -> bo
     things = [[_whole(one) for one in alternatives if _whole(one) <= known] for alternatives in told]
     return bool(things) and all(things) and any(one <= whole for thing in things for whole in thing
                                                 for one in variables)
+
+
+def level_judged(levels: Iterable[Record], truth: 'Truth') -> list[bool]:
+    """Return of each level 1 whether its motion and one alternative of its variables are those of what is hidden.
+
+    A wrong reading moves nothing; it is true where one is hidden.
+    """
+    hidden = [statement(name) for name in truth.hidden] if truth.variables is None else [(truth.body, truth.variables)]
+    return [bool(truth.readings) if one['law'] == 'outlier' else any(_agrees(one, *what) for what in hidden)
+            for one in levels]
+
+
+def _agrees(level: Record, body: Names, variables: Variables) -> bool:
+    """Return whether a level states a body and its variables, or the same as a displacement of frame or plate.
+
+    A ball that moves is a displacement that depends on the ball."""
+    told = [frozenset(one) | ({'ball'} if 'ball' in level else set()) for one in level['variables']]
+    bodies = {one.partition(' along ')[0] for one in level['motion'].split(' and ')}
+    if bodies.isdisjoint(body):
+        places = {place for one in body for place in BODIES[one]} if bodies <= {'frame', 'plate'} else set()
+        variables = (*(variables if 'ball' in level else ()), *(one | {place} for one in variables for place in places))
+    return not {*map(_whole, told)}.isdisjoint(map(_whole, variables))
 
 
 def _whole(variables: Iterable[str]) -> frozenset[str]:

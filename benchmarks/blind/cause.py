@@ -3,7 +3,8 @@
 
 To add a cause, write its class and a line of CAUSES: the hooks of rosette_ros.simulation.hidden_effect.HOOKS
 that it needs, `draw`, and what is true of it. A name of `right` is the cause; one of `part` is a true part of it; one
-of `family` is fair only where its shape describes the cause in that run, within what noise lets see.
+of `family` is fair only where its shape describes the cause in that run, within what noise lets see. `body` is what
+moves, one of BODIES or several that move alike: along z frame and plate do.
 """
 
 from abc import ABC, abstractmethod
@@ -23,6 +24,11 @@ Variables = tuple[frozenset[str], ...]
 DRIFTS: Names = ('frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'frame_warmup', 'frame_temperature',
                  'frame_temperature_lag')
 """Shapes of a drift of the frame."""
+BODIES: dict[str, Names] = {
+    'frame': ('table angle',), 'plate': ('table angle',), 'table or plate turning': ('CMM position', 'ball'),
+    'table axis tilting': ('CMM position',), 'plate tilting': ('ball',), 'plate growing': ('CMM position', 'ball'),
+    'scales and squareness of the CMM': ('CMM position',)}
+"""What can move; and on what else, any of them, another displacement of frame or plate depends that is the same."""
 CLIMATE: dict[str, Any] = {'climate': {'cycle_K': 0.1, 'cycle_min': 70.0}}
 """A climate in which the temperature goes up and down during a run."""
 
@@ -35,6 +41,7 @@ class Cause(ABC):
     part: ClassVar[Names] = ()
     family: ClassVar[Names] = ()
     variables: ClassVar[Variables] = ()
+    body: ClassVar[Names] = ()
     groups: ClassVar[dict[str, Any]] = {}
     turning: ClassVar[str] = 'forward'
 

@@ -30,6 +30,7 @@ class LogCreep(Cause):
 
     family = DRIFTS
     variables = said('time')
+    body = ('frame',)
     shift_um: Vector
     start_h: float
     constant_h: float
@@ -49,6 +50,7 @@ class LevellingWedge(Cause):
     part = ('frame_step',)
     family = ('frame_pulse', *DRIFTS)
     variables = said('time')
+    body = ('frame',)
     shift_um: Vector
     at_h: tuple[float, ...]
     sizes: tuple[float, ...]
@@ -69,6 +71,7 @@ class DoorHeat(Cause):
 
     family = ('frame_pulse', 'frame_recovery', *DRIFTS)
     variables = said('time')
+    body = ('frame',)
     shift_um: Vector
     at_h: float
     constant_h: float
@@ -89,6 +92,7 @@ class AirSprings(Cause):
 
     family = ('axis_tilt_step', 'axis_tilt_warmup')
     variables = said('time', 'time + CMM position')
+    body = ('table axis tilting',)
     tilt_urad: Vector
     at_h: float
     period_h: float
@@ -113,6 +117,7 @@ class StickingJoint(Cause):
     groups = CLIMATE
     family = ('frame_cycle', *DRIFTS)
     variables = said('temperature', 'time')
+    body = ('frame',)
     coefficient_um_per_K: Vector
     play_K: float
 
@@ -133,6 +138,7 @@ class OilFilm(Cause):
     """The platter floats up on its oil film as it turns and sinks while it rests: −a ln(1 + s/τ) along z."""
 
     variables = said('time since move')
+    body = ('frame', 'plate')
     sink_um: float
     constant_s: float
 
@@ -150,6 +156,7 @@ class RingWarms(Cause):
 
     groups = CLIMATE
     variables = said('temperature + table angle', 'time + table angle')
+    body = ('table or plate turning',)
     coefficient_urad_per_K: float
     phase: float
 
@@ -168,6 +175,7 @@ class WormWears(Cause):
     part = ('table_backlash',)
     turning = 'alternate'
     variables = said('table sense + time', 'table sense + travel')
+    body = ('table or plate turning',)
     width_urad: float
     total: float
 
@@ -186,6 +194,7 @@ class LostCounts(Cause):
     part = ('table_zero_step',)
     family = ('table_zero_drift', 'table_zero_warmup')
     variables = said('travel', 'travel + CMM position', 'time', 'time + CMM position')
+    body = ('table or plate turning',)
     scratch: float
     jumps_urad: tuple[float, ...]
 
@@ -205,6 +214,7 @@ class SoftStem(Cause):
     """One ball's stem is cracked: the ball stays leaning to where the stylus last pushed it, by axis of the CMM."""
 
     variables = said('ball + cmm sense', 'ball + cmm direction')
+    body = ('frame',)
     ball: int
     lean_um: Vector
 
@@ -223,6 +233,7 @@ class PlateBimetal(Cause):
     groups = CLIMATE
     family = ('plate_warp',)
     variables = said('ball + temperature', 'ball + time')
+    body = ('plate', 'frame')
     coefficient_um_per_K: float
     phase: float
 
@@ -240,6 +251,7 @@ class ChipOnGuide(Cause):
     """From one moment on a chip lies on the guideway, where the CMM measures one of its positions."""
 
     variables = said('CMM position + time')
+    body = ('frame',)
     position: int
     shift_um: Vector
     at_h: float
@@ -260,6 +272,7 @@ class PortalBreathes(Cause):
 
     part = ('frame_cycle',)
     variables = said('time + CMM position')
+    body = ('scales and squareness of the CMM',)
     lean_urad: float
     period_h: float
     fixed_m: float
@@ -281,6 +294,7 @@ class BeltLoosens(Cause):
 
     part = ('cmm_reversal',)
     variables = said('cmm sense + time', 'cmm sense + touches')
+    body = ('frame',)
     value_um: Vector
     start_h: float
     duration_h: float
@@ -299,6 +313,7 @@ class QuillSwings(Cause):
     """The quill still swings after a long way: the centre is off along one direction by the distance of the move."""
 
     variables = said('cmm distance')
+    body = ('frame',)
     shift_um: Vector
 
     def probe_shift(self, moment: Moment) -> Floats:
@@ -318,6 +333,7 @@ class AirPressure(Cause):
 
     family = ('plate_expansion', 'plate_soaking', 'cmm_scale_drift', 'cmm_scale_temperature', 'cmm_scale_lag')
     variables = said('time + CMM position', 'time')
+    body = ('scales and squareness of the CMM', 'plate growing')
     jumps_ppm: tuple[float, ...]
     at_h: tuple[float, ...]
     radius: float

@@ -11,9 +11,10 @@ import traceback
 from pathlib import Path
 
 from benchmarks.blind.answers import Record
+from benchmarks.blind.regret import regret
 from benchmarks.blind.table import table
-from benchmarks.blind.trial import CAUSES, SETS, Trial, trials
-from rosette_ros.analysis import diagnose
+from benchmarks.blind.trial import CAUSES, SETS, NotShown, Trial, trials
+from rosette_ros.core.diagnosis.diagnosis import diagnose
 
 BEGIN, END = '<!-- table of the blind tests -->', '<!-- end of the table -->'
 """What stands before and after the table in a page."""
@@ -27,7 +28,7 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--seeds', type=int, help='runs of each group (default: as each set has them)')
     parser.add_argument('--first-seed', type=int, default=1)
     parser.add_argument('-n', '--balls', dest='n', type=int, default=12)
-    parser.add_argument('--causes', default=CAUSES, metavar='FILE', help='Python file of the causes of the set open')
+    parser.add_argument('--causes', default=CAUSES, metavar='FILE', help='file of the causes of open and crossed')
     parser.add_argument('--share', default='1/1', metavar='K/M', help='every Mth run from the Kth on')
     parser.add_argument('--jobs', type=int, default=os.cpu_count())
     parser.add_argument('--json', type=Path, metavar='FILE', help='write every run and what was said of it')
@@ -42,12 +43,15 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 
 
 def work(trial: Trial) -> Record:
-    """Return the record of one run; one that fails is told."""
+    """Return the record of one run; one that fails is told, one that shows nothing skipped."""
     try:
         run, truth = trial.run()
         began = time.perf_counter()
-        found = diagnose(run)
-        return {**trial.judge(found, truth), 'seconds': time.perf_counter() - began}
+        found = diagnose(run, without=trial.left_out)
+        seconds = time.perf_counter() - began
+        return {**trial.judge(found, truth), 'regret': regret(run, truth.hidden), 'seconds': seconds}
+    except NotShown as why:
+        return {'trial': trial.name, 'skipped': str(why)}
     except Exception:
         return {'trial': trial.name, 'failed': traceback.format_exc()}
 
@@ -65,13 +69,15 @@ def main(argv: list[str] | None = None) -> int:
     else:
         records = [work(trial) for trial in todo]
     failed = [record for record in records if 'failed' in record]
-    records = [record for record in records if 'failed' not in record]
+    skipped = sum('skipped' in record for record in records)
+    records = [record for record in records if 'seconds' in record]
     if arguments.json:
         arguments.json.write_text(json.dumps(records, indent=0, ensure_ascii=False))
     seconds = [record['seconds'] for record in records]
     mean = sum(seconds) / max(len(seconds), 1)
     text = (f'{len(records)} runs of {arguments.n} balls; a diagnosis took {mean:.2f} s, at most '
-            f'{max(seconds, default=0):.2f} s.\n\n{table(records, old)}')
+            f'{max(seconds, default=0):.2f} s.{f" {skipped} more would not show what they hide." if skipped else ""}'
+            f'\n\n{table(records, old)}')
     print(text)
     print(f'\n{time.perf_counter() - began:.0f} s in {arguments.jobs} processes', file=sys.stderr)
     if arguments.page:

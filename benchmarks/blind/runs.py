@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.blind.noise_kinds import Generator, Noise, Readings, draw_noise
 from rosette_ros.core.geometry import nominal_angles, radial, rotate_z
-from rosette_ros.core.records import Floats, Run
-from rosette_ros.core.scheme import nominal_places, plan
+from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.scheme import COMPLETE_ORDERS, nominal_places, plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden_effect import Situation, acting
 
@@ -18,7 +18,10 @@ SIGMA = 1e-7
 """Standard deviation of a ball-centre coordinate, m: the unit of all that is hidden."""
 CHECK = 15
 """Readings of the repeatability check."""
-ORDERS = ('row', 'diagonal', 'column', 'random', 'sensitive')
+ORDERS = COMPLETE_ORDERS
+"""Orders of which one is drawn."""
+CROSSED = (*COMPLETE_ORDERS, 'there_and_back')
+"""Orders in all of which the same is hidden."""
 LEAST_SHARE = 0.1
 """An order that shows less of a displacement hides it."""
 FEWEST = 6
@@ -55,40 +58,45 @@ def situation(clean: Run, machine: Machine) -> Situation:
 
 
 @cache
-def _base(n: int) -> tuple[Floats, Floats]:
-    """Return what table, plate and CMM can do on the full grid of a plate of radius 1 m.
+def _base(n: int, cells: bytes) -> tuple[Floats, Floats]:
+    """Return what table, plate and CMM can do in the N cells of a plate of radius 1 m, given in ascending order.
 
-    p = T_i + Θ_i × r + R_z(φ_i) P_j + M_k. An orthonormal basis (n², 3, rank) and the pseudo-inverse that gives the
-    unknowns T, Θ, (2, n, 3), of displacements (n², 3): (6 n, 3 n²). Cells are numbered as Run.cells.
+    p = T_i + Θ_i × r + R_z(φ_i) P_j + M_k. An orthonormal basis (N, 3, rank) and the pseudo-inverse that gives the
+    unknowns T, Θ, (2, n, 3), of displacements (N, 3): (6 n, 3 N). Cells are numbered as Run.cells.
     """
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(n), np.arange(n), indexing='ij'))
-    unit, angle = np.eye(3), nominal_angles(n)
-    out = np.zeros((n * n, 3, 4, n, 3))
-    cell = np.arange(n * n)
+    i, j = np.divmod(np.frombuffer(cells, dtype=np.int64), n)
+    unit, angle, cell = np.eye(3), nominal_angles(n), np.arange(i.size)
+    out = np.zeros((i.size, 3, 4, n, 3))
     for axis in range(3):
         out[cell, :, 0, i, axis] = unit[axis]
         out[cell, :, 1, i, axis] = np.cross(unit[axis], radial(angle[i] + angle[j]))
-        out[cell, :, 2, j, axis] = rotate_z(angle[i], np.broadcast_to(unit[axis], (n * n, 3)))
+        out[cell, :, 2, j, axis] = rotate_z(angle[i], np.broadcast_to(unit[axis], (i.size, 3)))
         out[cell, :, 3, (i + j) % n, axis] = unit[axis]
-    left, size, right = np.linalg.svd(out.reshape(3 * n * n, -1), full_matrices=False)
+    left, size, right = np.linalg.svd(out.reshape(3 * i.size, -1), full_matrices=False)
     rank = int(np.count_nonzero(size > 1e-9 * size[0]))
     inverse = (right[:rank, :6 * n].T / size[:rank]) @ left[:, :rank].T
-    return left[:, :rank].reshape(n * n, 3, rank), inverse
+    return left[:, :rank].reshape(i.size, 3, rank), inverse
+
+
+def _base_of(run: Run) -> tuple[Ints, Floats, Floats]:
+    """Return the readings of a run in the order of their cells, (N,), and what `_base` returns of these cells."""
+    order = np.argsort(run.cells, kind='stable')
+    return order, *_base(run.n, run.cells[order].astype(np.int64).tobytes())
 
 
 def visible_part(run: Run, shift: Floats) -> Floats:
-    """Return what table, plate and CMM do not absorb of displacements (..., N, 3) of a complete run, same shape."""
-    basis = _base(run.n)[0][run.cells].reshape(-1, _base(run.n)[0].shape[-1])
+    """Return what table, plate and CMM do not absorb of displacements (..., N, 3) of a run, same shape."""
+    order, basis, _ = _base_of(run)
+    basis = basis[np.argsort(order)].reshape(3 * run.size, -1)
     flat = shift.reshape(-1, basis.shape[0])
     return (flat - flat @ basis @ basis.T).reshape(shift.shape)
 
 
 def true_curves(clean: Run) -> Floats:
-    """Return the six curves of a complete run without noise, (n, 6), m and rad, in one of the gauges that it leaves."""
-    n = clean.n
-    off = np.empty((n * n, 3))
-    off[clean.cells] = clean.centre - nominal_places(n, clean.radius, clean.table_position, clean.ball)
-    shift, turn = (_base(n)[1] @ off.ravel()).reshape(2, n, 3)
+    """Return the six curves of a run without noise, (n, 6), m and rad, in one of the gauges that it leaves."""
+    order, _, inverse = _base_of(clean)
+    off = clean.centre - nominal_places(clean.n, clean.radius, clean.table_position, clean.ball)
+    shift, turn = (inverse @ off[order].ravel()).reshape(2, clean.n, 3)
     return np.concatenate([shift, turn / clean.radius], axis=1)
 
 
@@ -117,7 +125,7 @@ def noisy(clean: Run, kind: str, rng: Generator, stated: bool, shift: Floats | f
     at = Readings(clean.n, CHECK, np.concatenate([clean.time[0] - pace * np.arange(CHECK, 0, -1), clean.time]),
                   np.concatenate([one, clean.ball]), np.concatenate([one, clean.table_position]))
     noise = draw_noise(kind, at, rng)
-    first = clean.centre[(clean.ball == 1) & (clean.table_position == 1)]
+    first = clean.centre[(clean.ball == 1) & (clean.table_position == 1)][:1]
     centre = np.concatenate([np.broadcast_to(first, (CHECK, 3)), clean.centre + shift]) + SIGMA * noise.offset
     if noise.resolution:
         step = noise.resolution * SIGMA

@@ -9,11 +9,14 @@ from scipy.stats import binomtest
 
 from benchmarks.blind.answers import Record
 from benchmarks.blind.noise_kinds import KINDS
+from benchmarks.blind.runs import CROSSED
 from benchmarks.blind.trial import OPEN_STRENGTHS, STRENGTHS
 
 BINS = (0.5, 0.7, 0.9, 0.97, 1.0)
 """Edges of the stated probabilities."""
 KNOWN = ('fair name', 'right variable')
+REGRET = 0.1
+"""By so much the log evidence of the truth may exceed that of the best hypothesis visited."""
 Records = Sequence[Record]
 Count = tuple[int, int]
 """How many of how many."""
@@ -26,7 +29,7 @@ def table(new: Records, old: Records | None = None) -> str:
         both = {record['trial'] for record in old} & {record['trial'] for record in new}
         new, old = ([record for record in side if record['trial'] in both] for side in (new, old))
         said = f'{len(both)} runs that both versions diagnosed.'
-    parts = (said, *(part(new, old or ()) for part in (_results, _noise, _calibration)))
+    parts = (said, *(part(new, old or ()) for part in (_results, _levels, _noise, _calibration)))
     return '\n\n'.join(filter(None, parts))
 
 
@@ -71,11 +74,41 @@ def _results(new: Records, old: Records) -> str:
             row(f'{what} of {strength:g} σ: right', wanted, ('right',), name, strength)
     row('two effects of 12 σ each: right', '', ('right',), 'pairs')
     row('three effects that share 12 σ: right', '', ('right',), 'three')
-    for what, wanted, classes in (('wrong names', 'at most 5 %', ('wrong name',)), ('known', 'at least 65 %', KNOWN)):
-        for strength in OPEN_STRENGTHS:
-            row(f'open world, {strength:g} σ: {what}', '', classes, 'open', strength)
-        row(f'open world, all: {what}', wanted, classes, 'open')
+    for name, where, limits in (('open', 'open world', ('at most 5 %', 'at least 65 %')),
+                                ('crossed', 'open world in each order', ('', '')),
+                                ('left_out', 'an effect left out of the library', ('', ''))):
+        for what, wanted, classes in zip(('wrong names', 'known'), limits, (('wrong name',), KNOWN)):
+            for strength in OPEN_STRENGTHS:
+                row(f'{where}, {strength:g} σ: {what}', '', classes, name, strength)
+            row(f'{where}, all: {what}', wanted, classes, name)
     return _markdown(['runs', 'wanted', *_versions(old, 'new', '95 %')], rows)
+
+
+def _levels(new: Records, old: Records) -> str:
+    """Return by set and order how often level 1 is true, a law that is said to be certain wrong, and the regret."""
+    rows = []
+    for name in ('library', 'open', 'crossed', 'left_out'):
+        for order in (*CROSSED, 'all'):
+            sides = [[one for one in side if one['set'] == name and order in (one['order'], 'all')]
+                     for side in (new, old)[:1 + bool(old)]]
+            if any(one.get(key) is not None for side in sides for one in side for key in ('levels', 'regret')):
+                rows.append(f'| {name} | {order} | {" | ".join(map(_level_cells, sides))} |')
+    heads = [what for one in ('level 1 true', 'certain law wrong', 'known', f'regret above {REGRET:g}')
+             for what in (one, '95 %')]
+    return _markdown(['set', 'order', *heads, 'sum of regret', *(f'{one}, before' for one in (*heads, 'sum of regret')
+                                                                 if old)], rows)
+
+
+def _level_cells(records: Records) -> str:
+    """Return counts of the runs of a set in an order; regret that is not known or negative does not count."""
+    levels = [record['levels'] for record in records if record.get('levels') is not None]
+    regret = [record['regret'] for record in records if record.get('regret') is not None]
+    counts = [(sum(bool(some) and all(one['true'] for one in some) for some in levels), len(levels)),
+              (sum(any(one['law_certain'] and one['law_true'] is False for one in some) for some in levels),
+               len(levels)),
+              (sum(record['judged'] in ('right', *KNOWN) for record in records), len(records)),
+              (sum(one > REGRET for one in regret), len(regret))]
+    return f'{_cells(counts)} | {f"{sum(max(one, 0) for one in regret):.1f}" if regret else ""}'
 
 
 def _noise(new: Records, old: Records) -> str:
@@ -104,10 +137,12 @@ def covered(records: Records) -> str:
 
 
 def _calibration(new: Records, old: Records) -> str:
-    """Return how often claims of a stated probability are true."""
+    """Return how often claims and levels 1 of a stated probability are true."""
     rows = []
-    for what, name in (('all sets', None), ('open world', 'open')):
-        sides = [[claim for record in side if name in (None, record['set']) for claim in record['claims']
+    for what, sets, key in (
+            ('all sets', (), 'claims'), ('open world', ('open',), 'claims'), ('level 1, all sets', (), 'levels'),
+            ('level 1, open world', ('open', 'crossed'), 'levels'), ('level 1, left out', ('left_out',), 'levels')):
+        sides = [[claim for record in side if not sets or record['set'] in sets for claim in record.get(key) or ()
                   if claim['probability'] is not None] for side in (new, old)[:1 + bool(old)]]
         for low, high in pairwise(BINS):
             inside = [[one for one in side if low <= one['probability'] < high or high == one['probability'] == 1]

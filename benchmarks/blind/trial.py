@@ -12,10 +12,11 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.blind.answers import Record, answered, judged, remaining, truths, within
+from benchmarks.blind.answers import Record, answered, judged, law_judged, level_judged, remaining, truths, within
 from benchmarks.blind.cause import Cause, Names, Variables
+from benchmarks.blind.library import alike, statement
 from benchmarks.blind.noise_kinds import KINDS
-from benchmarks.blind.runs import FEWEST, ORDERS, Plan, noisy, scaled, situation, true_curves
+from benchmarks.blind.runs import CROSSED, FEWEST, ORDERS, Plan, noisy, scaled, situation, true_curves
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.simulation.hidden_effect import Draw
 from rosette_ros.simulation.hidden_kinds import KINDS as HIDDEN
@@ -25,6 +26,10 @@ CAUSES = str(Path(__file__).with_name('causes.py'))
 """The file of the causes that are held out for the final judgement."""
 STRENGTHS = (6.0, 9.0, 12.0)
 OPEN_STRENGTHS = (16.0, 40.0)
+
+
+class NotShown(ValueError):
+    """No order of a trial shows what it hides."""
 
 
 @cache
@@ -44,8 +49,8 @@ class Truth:
     """What is true of a run.
 
     hidden: names of the library; readings: of hidden outliers and of those of the noise, one-based; stray: the latter;
-    right, part, family, variables: of a cause, None for other runs; order: in which it was measured; share: visible,
-    of each displacement; shift: what was hidden, (N, 3), m; curves: (n, 6), m and rad.
+    right, part, family, body, variables: of a cause or of an effect left out, None for other runs; order: in which it
+    was measured; share: visible, of each displacement; shift: what was hidden, (N, 3), m; curves: (n, 6), m and rad.
     """
 
     order: str
@@ -58,6 +63,7 @@ class Truth:
     right: Names = ()
     part: Names = ()
     family: Names = ()
+    body: Names = ()
     variables: Variables | None = None
 
 
@@ -66,7 +72,8 @@ class Trial:
     """One run of a set, drawn from `name` and from nothing else.
 
     kinds: what it hides, names of hidden_kinds or of a cause; strength: visible norm of each, σ; noise: a kind of
-    noise_kinds; orders: tried in turn, the first one that shows all that is hidden is measured; causes: their file.
+    noise_kinds; orders: tried in turn, the first one that shows all that is hidden is measured; causes: their file;
+    left_out: name that the library of the diagnosis is to lack.
     """
 
     set: str
@@ -78,6 +85,7 @@ class Trial:
     orders: Names = ()
     n: int = 12
     causes: str = ''
+    left_out: str = ''
 
     @property
     def name(self) -> str:
@@ -91,7 +99,7 @@ class Trial:
         return np.random.default_rng([crc32(self.name.encode()), crc32(what.encode())])
 
     def run(self) -> tuple[Run, Truth]:
-        """Return the run and its truth; raises ValueError where no order shows what is hidden."""
+        """Return the run and its truth; raises NotShown where no order shows what is hidden."""
         seed = int(self.generator('machine').integers(1, 2**31))
         shares: list[tuple[float, ...]] = []
         for order in self.orders or self.generator('order').permutation(ORDERS).tolist():
@@ -100,7 +108,7 @@ class Trial:
                 break
             shares.append(truth.share)
         else:
-            raise ValueError(f'{self.name}: wanted an order that shows it, got visible shares {shares}')
+            raise NotShown(f'{self.name}: wanted an order that shows it, got visible shares {shares}')
         shift = sum(shifts, np.zeros((clean.size, 3)))
         hit = tuple(int(np.argmax(np.linalg.norm(one, axis=1))) + 1
                     for kind, one in zip(self.kinds, shifts) if kind == 'outlier')
@@ -121,7 +129,11 @@ class Trial:
                       true_curves(clean), tuple(share for share, _ in found))
         if self.causes:
             cause = drawn[0]
-            truth = replace(truth, right=cause.right, part=cause.part, family=cause.family, variables=cause.variables)
+            truth = replace(truth, right=cause.right, part=cause.part, family=cause.family, body=cause.body,
+                            variables=cause.variables)
+        if self.left_out:
+            body, variables = statement(self.left_out)
+            truth = replace(truth, hidden=(), right=alike(self.left_out), body=body, variables=variables)
         return clean, truth, [shift for _, shift in found]
 
     def judge(self, found: Any, truth: Truth) -> Record:
@@ -131,6 +143,9 @@ class Trial:
         true = truths(answer['claims'], truth, left)
         for claim, is_true in zip(answer['claims'], true):
             claim['true'] = is_true
+        levels = answer['levels'] or ()
+        for level, is_true, law in zip(levels, level_judged(levels, truth), law_judged(levels, truth, left)):
+            level.update(true=is_true, law_true=law)
         return {'trial': self.name, 'set': self.set, 'kinds': list(self.kinds), 'strength': self.strength,
                 'noise': self.noise, 'stated': self.stated, 'order': truth.order, 'n': self.n, 'seed': self.seed,
                 'share': list(truth.share), 'judged': judged(answer, truth, left), 'left': left,
@@ -180,6 +195,21 @@ def _open(seeds: range, causes: str) -> Iterator[Trial]:
                 yield Trial('open', seed, (kind,), strength, causes=causes)
 
 
+def _crossed(seeds: range, causes: str) -> Iterator[Trial]:
+    for one in _open(seeds, causes):
+        for order in CROSSED:
+            yield replace(one, set='crossed', orders=(order,))
+
+
+def _left_out(seeds: range, causes: str) -> Iterator[Trial]:
+    for kind in NAMED:
+        if kind != 'outlier':  # one reading alone depends on nothing
+            for strength in OPEN_STRENGTHS:
+                for order in CROSSED:
+                    for seed in seeds:
+                        yield Trial('left_out', seed, (kind,), strength, orders=(order,), left_out=kind)
+
+
 def _coverage(seeds: range, causes: str) -> Iterator[Trial]:
     for noise in KINDS:
         for seed in seeds:
@@ -190,7 +220,7 @@ def _coverage(seeds: range, causes: str) -> Iterator[Trial]:
 SETS: dict[str, tuple[int, Callable[[range, str], Iterator[Trial]]]] = {
     'white': (20, _white), 'noise': (10, _noise), 'library': (5, _library), 'pairs': (100, _together('pairs', 2, 12.0)),
     'three': (60, _together('three', 3, 12 / sqrt(3))), 'outliers': (25, _outliers), 'open': (8, _open),
-    'coverage': (5, _coverage)}
+    'crossed': (2, _crossed), 'left_out': (2, _left_out), 'coverage': (5, _coverage)}
 """The sets by name: seeds of each group, and what makes their trials."""
 
 
@@ -198,7 +228,8 @@ def trials(sets: Sequence[str] = tuple(SETS), seeds: int | None = None, first_se
            n: int = 12) -> list[Trial]:
     """Return the trials of some sets.
 
-    seeds: of each group, None for the usual number of each set; causes: file of the causes of the set `open`; n: balls.
+    seeds: of each group, None for the usual number of each set; causes: file of the causes of `open` and `crossed`;
+    n: balls.
     Raises ValueError for a set that there is not.
     """
     if unknown := [name for name in sets if name not in SETS]:

@@ -6,7 +6,7 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.presentation.formatting import MEANINGS, before_after, fixed
 from rosette_ros.presentation.table_format import Column, Table, column, words
-from rosette_ros.words.verdict_words import chance, does_words, title_of
+from rosette_ros.words.verdict_words import chance, does_words, laws_words, moves_words
 
 
 def causes(verdict: Verdict) -> Table:
@@ -14,15 +14,15 @@ def causes(verdict: Verdict) -> Table:
     every = verdict.missing
     looks = [MEANINGS[one.name].look if one.name in MEANINGS else '' for one in every]
     return Table('causes', 'Causes, the one that explains most first', (
-        column('probability', 'probability', [one.probability for one in every],
-               lambda p: '' if p is None else chance(p)),
+        column('probability', 'probability', [one.probability for one in every], chance),
+        words('moves', 'what moves, with what', map(moves_words, every)),
         column('effect', '', [one.name for one in every]),
-        words('cause', 'cause', [title_of(one.name) for one in every]),
-        words('does', 'what it does', map(does_words, every)),
+        words('cause', 'law', [laws_words(one.cause) if one.cause else '' for one in every]),
+        words('does', 'size', map(does_words, every)),
         column('rms_before_um', '', [1e6 * one.before for one in every]),
-        Column('rms_after_um', 'error falls', tuple(1e6 * one.after for one in every),
+        Column('rms_after_um', 'residual std. dev.', tuple(1e6 * one.after for one in every),
                tuple(before_after(one.before, one.after) for one in every), 'µm'),
-        words('check', 'check', looks)))
+        words('check', 'possible origin', looks)))
 
 
 def explanations(found: Finding) -> Table:

@@ -14,6 +14,7 @@ import numpy as np
 from rosette_ros.analysis import Change, LadderStep
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
+from rosette_ros.core.diagnosis.posterior import Cause
 from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict, VerdictText, noise_facts
@@ -154,6 +155,7 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         'schema': DIAGNOSIS, 'run_id': diagnosis.fit.run.run_id, 'model': diagnosis.model.names,
         'fit': fit_json(diagnosis.fit), **motions_json(diagnosis.fit.error_motions),
         **found_json(diagnosis.with_cause), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
+        'levels': levels_json(diagnosis.causes),
         'explanations': [{'members': one.members, 'noise': one.noise, 'probability': one.probability}
                          for one in diagnosis.explanations],
         'probability_of_nothing': diagnosis.probability_of_nothing,
@@ -168,6 +170,19 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         'final': fit_json(diagnosis.final), 'unavailable': dict(diagnosis.unavailable),
         'invisible_bias': {entry.name: by_curve(entry.bias) for entry in visibilities},
         **({'check': _check_json(check)} if check else {})})
+
+
+def levels_json(causes: Sequence[Cause]) -> list[Json]:
+    """Return what moves with what, and by which law, each with its probability; law: null without a name."""
+    out = []
+    for one in causes:
+        numbers = {what: number for what in ('ball', 'reading') if (number := one.number(what)) is not None}
+        out.append({
+            'motion': ' and '.join(sorted(one.bodies)), 'variables': [sorted(some) for some in one.alternatives],
+            'probability': one.probability, 'law': ' + '.join(one.names) or None,
+            'law_probability': one.law_probability, 'law_certain': one.law_certain,
+            'laws': [{'effect': ' + '.join(law) or None, 'probability': p} for law, p in one.laws], **numbers})
+    return out
 
 
 def _shape_json(shape: Shape) -> Json:

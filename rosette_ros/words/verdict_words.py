@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.diagnosis.verdict import (
+    SURE,
     WRONG,
     MissingEffect,
     Outcome,
@@ -35,10 +36,12 @@ from rosette_ros.words.effect_words import title_of as title_of
 from rosette_ros.words.noise_words import noise_actions, noise_words
 
 if TYPE_CHECKING:  # plan and info start without the least squares
+    from rosette_ros.core.diagnosis.posterior import Cause
     from rosette_ros.core.model.least_squares import Parameter
 
 HEADLINES = {
-    Outcome.FITS: 'THE MODEL FITS', Outcome.NAMED: 'CAUSE FOUND, NOT IN THE MODEL',
+    Outcome.FITS: 'THE MODEL FITS', Outcome.NAMED: 'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL',
+    Outcome.SUSPECTED: 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL',
     Outcome.UNNAMED: 'SOMETHING IS MISSING THAT HAS NO NAME', Outcome.SCATTERS: 'THE READINGS SCATTER MORE THAN STATED',
     Outcome.DOUBTFUL_READINGS: 'THE MODEL FITS, READINGS IN DOUBT',
     Outcome.NOISE: 'THE MODEL FITS, THE NOISE IS UNUSUAL',
@@ -55,7 +58,7 @@ VARIABLES = {
     'time since move': 'the time since the last table move', 'table sense': 'the sense of rotation of the table',
     'touches': 'the number of readings', 'cmm direction': 'the direction of the last CMM move',
     'cmm distance': 'the length of the last CMM move', 'cmm sense': 'the senses of the last CMM moves',
-    'temperature': 'the temperature'}
+    'temperature': 'the temperature', 'encoder': 'the lines of the encoder', 'reading': 'one reading'}
 """What a run records of its readings, in words."""
 MOTIONS = {
     'plate growing': 'makes the plate grow or shrink', 'table or plate turning': 'turns the table or the plate',
@@ -77,6 +80,8 @@ SIGNIFICANT = 2.0
 MOST_SIZES = 3
 MOST_OF_U = 0.5
 """Share of a variance from which on it is most of it."""
+LIKELY, MOST_LAWS = 0.03, 3
+"""Probability of a law from which on it is said, and so many at most."""
 SAID_ELSEWHERE = ('axes', 'ball', 'reading', 't0', 't1')
 _ALONG = re.compile(r'(\w+) along (its )?(.+)')
 
@@ -155,15 +160,16 @@ def _outcome(verdict: Verdict) -> list[str]:
     basis = [] if before.repeatability is not None else [
         'The repeatability is not known, so this rests on the structure of the residual alone.']
     match verdict.outcome:
-        case Outcome.NAMED:
+        case Outcome.NAMED | Outcome.SUSPECTED if verdict.missing:
             it = 'it' if len(verdict.missing) == 1 else 'them'
             known = '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})'
-            lacks = (f'Missing: {titles(one.name for one in verdict.missing)}. With {it} the error falls from '
-                     f'{micrometres(before.rms)} to {micrometres(after.rms)}{known}.')
+            what = capital('; '.join(dict.fromkeys(map(missing_words, verdict.missing))))
+            lacks = (f'{what}. With {it} the residual standard deviation falls from {micrometres(before.rms)} to '
+                     f'{micrometres(after.rms)}{known}.')
             scatters = [f'Even with {it}, the readings scatter more than stated: {_against_repeatability(after)}.'] * (
                 after.scatters and not verdict.unnamed)
             return [lacks, *_unnamed_sentences(verdict.unnamed), *scatters, *basis]
-        case Outcome.UNNAMED:
+        case Outcome.UNNAMED | Outcome.SUSPECTED:
             return [*_unnamed_sentences(verdict.unnamed), *basis]
         case Outcome.SCATTERS:
             return [f'The readings scatter more than stated: {_against_repeatability(after)}.']
@@ -186,6 +192,48 @@ def _unseen(verdict: Verdict) -> str:
     alone, whole = (f'{fixed(scale.factor * u, decimals(scale.factor * one.alone))} {scale.unit}'
                     for u in (one.alone, one.whole))
     return f', with U of {one.curve} {alone} without what this order cannot show; {whole} in a {LABORATORY.name}'
+
+
+def missing_words(one: MissingEffect) -> str:
+    """Return what is missing as far as it is known: its law; or what moves with what, and the likeliest law; or names.
+
+    'slip of one ball (99 %)', 'the probe moves with time (99 %), most like warm-up of the machine (61 %)'.
+    """
+    title, cause = title_of(one.name), one.cause
+    if cause is None:
+        return title
+    number = cause.number('reading') or cause.number('ball')
+    place = '' if number is None else f', {"reading" if cause.number("reading") else "ball"} {number}'
+    others = ''.join(f', or {title_of(name)} ({chance(p)})' for name, p in one.alternatives if not cause.law_certain)
+    if not cause.law_certain and cause.variables and cause.probability >= min(SURE, one.together):
+        return f'{moves_words(one)} ({chance(cause.probability)}), most like {laws_words(cause)}'
+    return f'{title}{place} ({chance(cause.law_probability)}){others}'
+
+
+def laws_words(cause: 'Cause') -> str:
+    """Return the likeliest laws of a cause: 'slip of one ball (95 %), creep of one ball (4 %)'."""
+    likely = [(law, p) for law, p in cause.laws if p >= LIKELY][:MOST_LAWS] or cause.laws[:1]
+    return ', '.join(f'{titles(law) if law else "no law of the library"} ({chance(p)})' for law, p in likely)
+
+
+def moves_words(one: MissingEffect) -> str:
+    """Return what moves with what: 'the probe moves with time (travel and temperature run alike here)'."""
+    effect, cause = MEANINGS.get(one.name), one.cause
+    if cause is None or not isinstance(effect, PhysicalEffect):
+        return title_of(one.name)
+    verb, ball = MOVES[type(effect.motion)], cause.number('ball')
+    if cause.number('reading'):
+        return f'reading {cause.number("reading")} is off'
+    if ball is not None:
+        verb = f'ball {ball} {"moves" if verb.endswith("moves") else "is off"}'
+    return f'{verb} with {names(map(_alternatives_words, cause.variables))}'
+
+
+def _alternatives_words(some: Sequence[str]) -> str:
+    # the number of readings rises with time in any order
+    first, *others = (VARIABLES.get(name, name) for place, name in enumerate(some) if not place or name != 'touches')
+    alike = f' ({names(others)} run{"s" if len(others) == 1 else ""} alike here)' if others else ''
+    return f'{first}{alike}'
 
 
 def _unnamed_sentences(every: Sequence[UnnamedMotion]) -> list[str]:
@@ -253,9 +301,12 @@ def _actions(verdict: Verdict) -> list[str]:
 
 def _limits(verdict: Verdict) -> list[str]:
     """Return what the run cannot tell, a sentence each."""
-    alike = {one.name: one.alternatives for one in verdict.missing if one.alternatives}
-    out = [f'This run cannot tell {title_of(name)} from ' + ' or '.join(
-        f'{title_of(other)} ({chance(p)})' for other, p in others) + '.' for name, others in alike.items()]
+    out = []
+    for one in verdict.missing:
+        said = {name for law, _ in one.cause.laws for name in law} if one.cause else set()
+        others = [f'{title_of(name)} ({chance(p)})' for name, p in one.alternatives if name not in said]
+        if others:
+            out.append(f'This run cannot tell {title_of(one.name)} from {" or ".join(others)}.')
     if verdict.hidden:
         out.append(f'This run could not have shown {some_titles(verdict.hidden)}.')
     return out

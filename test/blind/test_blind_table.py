@@ -2,18 +2,25 @@
 """The table of made-up records, and the command that prints, writes and compares it."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.blind.command import BEGIN, END, main, write_page
+from benchmarks.blind import Trial, command
+from benchmarks.blind.command import BEGIN, END, main, work, write_page
 from benchmarks.blind.table import interval, table
 
 
-def record(name, judged, kind='white', strength=0.0, probability=None, true=True, covered=0.95):
+def record(name, judged, kind='white', strength=0.0, probability=None, true=True, covered=0.95, **more):
     """Return a record."""
     claims = [] if probability is None else [{'probability': probability, 'true': true}]
     return {'trial': name, 'set': name.split()[0], 'judged': judged, 'noise': kind, 'strength': strength,
-            'claims': claims, 'covered': [covered] * 6}
+            'claims': claims, 'covered': [covered] * 6, 'order': 'row', **more}
+
+
+def level(probability, true, law_true=None, certain=False):
+    """Return a level as a record has it after it was judged."""
+    return {'probability': probability, 'true': true, 'law_true': law_true, 'law_certain': certain}
 
 
 RECORDS = [
@@ -42,6 +49,48 @@ def test_the_table_counts_what_is_asked():
     assert '6 σ' not in text.replace('16 σ', '') and '0.7–0.9' not in text and 'before' not in text
 
 
+LEVELS = [
+    record('crossed 1', 'right variable', order='row', levels=[level(0.98, True), level(0.8, False)], regret=0.25),
+    record('crossed 2', 'fair name', order='row', levels=[level(0.8, True, True, True)], regret=0.05),
+    record('crossed 3', 'wrong name', order='column', levels=[level(0.9, True, False, True)], regret=-3.0),
+    record('crossed 4', 'nothing', order='column', levels=[], regret=None),
+    record('left_out 1', 'other', order='there_and_back', levels=[level(0.6, True, False, False)]),
+    record('library 1', 'right', order='row')]
+
+
+def test_levels_are_counted_by_order():
+    """One false level makes level 1 of a run false; a law is wrong where it is certain; regret counts where known."""
+    text = table(LEVELS)
+    for line in ('| crossed | row | 1 of 2 (50.0 %) | 1.3–98.7 % | 0 of 2 (0.0 %) | 0.0–84.2 % | '
+                 '2 of 2 (100.0 %) | 15.8–100.0 % | 1 of 2 (50.0 %) | 1.3–98.7 % | 0.3 |',
+                 '| crossed | column | 1 of 2 (50.0 %) | 1.3–98.7 % | 1 of 2 (50.0 %) | 1.3–98.7 % | '
+                 '0 of 2 (0.0 %) | 0.0–84.2 % | 0 of 1 (0.0 %) | 0.0–97.5 % | 0.0 |',
+                 '| crossed | all | 2 of 4 (50.0 %)', '| 1 of 3 (33.3 %) | 0.8–90.6 % | 0.3 |',
+                 '| left_out | there_and_back | 1 of 1 (100.0 %) | 2.5–100.0 % | 0 of 1 (0.0 %) | 0.0–97.5 % | '
+                 '0 of 1 (0.0 %) | 0.0–97.5 % |  |  |  |',
+                 'open world in each order, all: wrong names |  | 1 of 4 (25.0 %)',
+                 'an effect left out of the library, all: known |  | 0 of 1 (0.0 %)',
+                 '| level 1, all sets | 0.7–0.9 | 0.800 | 1 of 2 (50.0 %) |',
+                 '| level 1, open world | 0.9–0.97 | 0.900 | 1 of 1 (100.0 %) |',
+                 '| level 1, left out | 0.5–0.7 | 0.600 | 1 of 1 (100.0 %) |'):
+        assert line in text
+    assert '| library |' not in text and '| left_out | row |' not in text
+    head = next(line for line in table(LEVELS, LEVELS).splitlines() if line.startswith('| set |'))
+    assert head.endswith('| sum of regret, before |') and head.count('before') == 9
+
+
+def test_what_is_left_out_is_left_out_of_the_diagnosis(monkeypatch):
+    """The diagnosis gets the name that its library is to lack; other runs do without, and hidden ones are skipped."""
+    asked = []
+    monkeypatch.setattr(command, 'diagnose', lambda run, **what: asked.append(what) or SimpleNamespace())
+    monkeypatch.setattr(Trial, 'judge', lambda trial, found, truth: {'judged': 'right'})
+    drift = Trial('left_out', 1, ('frame_drift',), 16.0, orders=('random',), left_out='frame_drift')
+    assert work(drift)['judged'] == work(Trial('white', 1, orders=('row',)))['judged'] == 'right'
+    assert asked == [{'without': ('frame_drift',)}, {}]
+    told = work(Trial('left_out', 1, ('frame_drift',), 16.0, orders=('row',), left_out='frame_drift'))
+    assert 'wanted an order that shows it, got visible shares' in told['skipped'] and len(asked) == 2
+
+
 def test_old_and_new_are_compared_on_the_same_runs():
     """Runs that one of them does not have do not count."""
     old = [record('white 1', 'wrong name'), record('white 2', 'wrong name'), record('white 3', 'right')]
@@ -63,6 +112,14 @@ def test_the_command_writes_compares_and_fills_a_page(tmp_path, capsys):
     assert 'old' not in text and 'white noise: false names | at most 1 % | 0 of 2' in capsys.readouterr().out
     assert main([*asked, '--compare', str(file)]) == 0
     assert '2 runs that both versions diagnosed.' in capsys.readouterr().out
+
+
+def test_runs_that_would_not_show_it_are_counted(monkeypatch, capsys):
+    """They are neither failed nor diagnosed."""
+    monkeypatch.setattr(command, 'trials', lambda *what: [
+        Trial('left_out', seed, ('frame_drift',), 16.0, orders=('row',), left_out='frame_drift') for seed in (1, 2)])
+    assert main(['--jobs', '1']) == 0
+    assert '0 runs of 12 balls' in (told := capsys.readouterr().out) and '2 more would not show what they hide.' in told
 
 
 @pytest.mark.parametrize('share', ['0/2', '3/2', 'half'])

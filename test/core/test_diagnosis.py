@@ -8,7 +8,7 @@ from synthetic import synthetic_run
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
-from rosette_ros.core.diagnosis.diagnosis import RunSearch, _search, diagnose, find, judge
+from rosette_ros.core.diagnosis.diagnosis import RunSearch, diagnose, find, judge, search_of
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.effects.free import motions
@@ -202,7 +202,7 @@ def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
     whole = diagnose(run)
     assert 'plate_warp' in {one.effect for one in whole.candidates}
     monkeypatch.setattr(RunSearch, 'with_members', refused)
-    _search.cache_clear()
+    search_of.cache_clear()
     found = diagnose(run)
     assert ('plate_warp', 'its fit to these readings does not converge') in found.unavailable
     assert {one.effect for one in found.candidates} == {one.effect for one in whole.candidates} - {'plate_warp'}

@@ -223,14 +223,17 @@ class Bank:
         self.run, self.families, self._parts = run, tuple(families), list[tuple[ColumnSet, list[Piece]]]()
         made: dict[Key, list[tuple[Ints, ...]]] = {}
         free: dict[Setting, tuple[int, int]] = {}
+        self._parts_of: dict[str, slice] = {}
         for number, family in enumerate(families):
-            places = {setting: (number, k) for k, setting in enumerate(family.settings)}
+            places, first = {setting: (number, k) for k, setting in enumerate(family.settings)}, len(self._parts)
             if family.is_free:
                 free |= places
             else:
                 self._add(places, family.effect.factors(run, family.settings), False, made)
+                self._parts_of[family.name] = slice(first, len(self._parts))
         self._add(free, _shared(run, free), True, made)
         self.ends = np.cumsum([0, *(len(family.settings) for family in families)]).tolist()
+        self.range_of = {one.name: ends for one, ends in zip(families, zip(self.ends, self.ends[1:]))}
         self.groups = {}
         for key, found in sorted(made.items()):
             of, setting, column = (np.concatenate([one[k] for one in found]) for k in range(3))
@@ -320,6 +323,17 @@ class Bank:
         flat = np.concatenate([np.zeros((0, len(rows)), np.float32), *(
             part.products(raw) for part, pieces in self._parts if is_open or not pieces[0].key[1])])
         return {key: group.mixed(flat[group.column]) for key, group in self.groups.items() if is_open or not key[1]}
+
+    def products_of(self, family: CauseFamily, rows: Floats,
+                    whitening: Whitening) -> Iterator[tuple[Key, slice, Reals]]:
+        """Yield the same products of the blocks of one named family, with the key of their group and place in it."""
+        raw = whitening.adjoint(rows.reshape(len(rows), -1, 3)).astype(np.float32)
+        for part, pieces in self._parts[self._parts_of[family.name]]:
+            flat = part.products(raw)
+            for piece in pieces:
+                group = self.groups[piece.key]
+                made = group.mixed(part.rows_of(flat, piece.wave, piece.which), piece.place)
+                yield piece.key, piece.place, np.pad(made, ((0, 0), (0, piece.key[0] - made.shape[1]), (0, 0)))
 
     def seen(self, left: Mapping[Key, Reals]) -> dict[Key, Floats]:
         """Return the visible share of each block of each group, (b,); left: of `left`."""

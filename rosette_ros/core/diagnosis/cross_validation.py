@@ -14,7 +14,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.bank import Bank, Reals
 from rosette_ros.core.diagnosis.effect_settings import evidence_of, families_of_terms, grid_falls, is_searched, searched
-from rosette_ros.core.diagnosis.log_evidence import Cause, State
+from rosette_ros.core.diagnosis.log_evidence import Member, State
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit, JointSpace, fit
 from rosette_ros.core.model.model import Model, Term
@@ -79,7 +79,7 @@ class CrossValidation:
         rows[:, index] = values
         return self._space.free(rows.reshape(len(rows), size, 3)).reshape(rows.shape)
 
-    def alone(self, member: Cause, run: Run) -> list[bool]:
+    def alone(self, member: Member, run: Run) -> list[bool]:
         """Return of each block whether a member moves its readings only: the others say nothing of it."""
         moved = 3 * np.flatnonzero(np.any(member.family.effect.columns(run, member.setting) != 0, axis=(1, 2)))
         return [moved.size <= block.index.size and bool(np.isin(moved, block.index).all()) for block in self._blocks]
@@ -150,7 +150,7 @@ class WithoutBlocks:
         self._blocks, self.state = blocks, before
         self._left = blocks.training_residuals(before.residual, before.basis)
 
-    def rms_with(self, member: Cause) -> float:
+    def rms_with(self, member: Member) -> float:
         """Return the same with a member more, its setting searched without each block."""
         evidence, own = self.state.evidence, member.family.effect.searched
         found: dict[Setting, tuple[Floats, Floats]] = {}

@@ -17,15 +17,14 @@ from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation, WithoutBlocks
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.hypotheses import Search
-from rosette_ros.core.diagnosis.log_evidence import Cause, State, with_priors
+from rosette_ros.core.diagnosis.log_evidence import Member, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, kinds_beside
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
-from rosette_ros.core.diagnosis.posterior import ALIKE, CLAIM, Claim, Posterior
+from rosette_ros.core.diagnosis.posterior import CLAIM, Cause, Claim, Posterior, motion_of
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
-from rosette_ros.core.diagnosis.verdict import Verdict, decide
+from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.free import FREE, TIMES, place_of
-from rosette_ros.core.effects.library import EFFECTS, effects_of
+from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
@@ -37,6 +36,8 @@ from rosette_ros.core.records import Floats, Run, resolution_of
 GUARD = 0.05
 """Search-wide probability of noise alone above which no name is claimed, whatever it is worth, and no effect of a
 model is needed: what users were promised."""
+NEAR_LAW = 0.05
+"""Share of its log likelihood, and at least 2, by which another law of the same motion has to be worse."""
 HOPEFUL = 12
 """Sets of variables whose free courses are looked at under other noise: those that explain most in white noise."""
 
@@ -91,7 +92,8 @@ class Finding:
     """What the search finds that a model lacks.
 
     model, fit: as given; final: the fit with all that is claimed; missing: names claimed, strongest first, and terms,
-    the effects of them; claims: what is known of each; doubtful: names of the best explanation that are not claimed;
+    the effects of them; claims: what is known of each; causes: what moves with what, of all
+    that is told; of_terms: the one of each of `terms`; doubtful: names of the best explanation that are not claimed;
     unnamed: what has no name; invisible: effects that this order of measurement hides; not_needed: effects of the model
     that the run does not ask for; explanations: at least up to 95 % together; probability_of_nothing,
     probability_of_unnamed: that nothing, and that something without a name, is missing.
@@ -103,6 +105,8 @@ class Finding:
     missing: tuple[str, ...]
     terms: tuple[Term, ...]
     claims: tuple[Claim, ...]
+    causes: tuple[Cause, ...]
+    of_terms: tuple[Cause, ...]
     doubtful: tuple[Claim, ...]
     unnamed: tuple[Unnamed, ...]
     invisible: tuple[str, ...]
@@ -119,8 +123,8 @@ class Finding:
     @property
     def verdict(self) -> Verdict:
         """The one decision."""
-        found = decide(self.fit, self.final, self.missing, self.unnamed, self.claims, self.doubtful, self.invisible,
-                       self.not_needed)
+        found = decide(self.fit, self.final, self.missing, self.unnamed, self.claims, self.of_terms, self.doubtful,
+                       self.invisible, self.not_needed)
         return found if found.model_fails else replace(found, unseen=unseen(self.final))
 
     @property
@@ -146,17 +150,18 @@ def judge(run: Run, model: Model | None = None) -> Verdict:
 def find(run: Run, model: Model | None = None) -> Finding:
     """Return the Finding of `diagnose` without candidates and shapes, sooner; see there."""
     with _bounded(run):
-        return _search(run, model or Model()).finding
+        return search_of(run, model or Model()).finding
 
 
-def diagnose(run: Run, model: Model | None = None) -> Diagnosis:
+def diagnose(run: Run, model: Model | None = None, without: str = '') -> Diagnosis:
     """Return the Diagnosis of a run under a model (the base model if none is given).
 
-    The same run gives the same answer. Raises NotDeterminable where the run does not determine the model, InvalidData
-    where its times, temperatures or travels are such that no calculation ends.
+    without: the name of an effect that the library shall not have. The same run gives the same answer. Raises
+    NotDeterminable where the run does not determine the model, InvalidData where its times, temperatures or travels are
+    such that no calculation ends.
     """
     with _bounded(run):
-        return _search(run, model or Model()).diagnosis
+        return search_of(run, model or Model(), without).diagnosis
 
 
 def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:
@@ -175,7 +180,7 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
     if not is_searched:
         return fit(run, model, choose_settings(run, model, best.noise), best.noise)
     with _bounded(run):
-        return _search(run, model).start
+        return search_of(run, model).start
 
 
 @contextmanager
@@ -189,24 +194,26 @@ def _bounded(run: Run) -> Iterator[None]:
 
 
 @lru_cache(maxsize=1)
-def _search(run: Run, model: Model) -> 'RunSearch':
-    return RunSearch(run, model)
+def search_of(run: Run, model: Model = Model(), without: str = '') -> 'RunSearch':  # noqa: B008 (it is frozen)
+    """Return the search on a run; arguments as of `diagnose`."""
+    return RunSearch(run, model, without)
 
 
 class RunSearch:
     """The search on one run: start, the fit of the model as given; base, with the absent base terms, both under the
-    noise of the best hypothesis; posterior: of all hypotheses; chosen: the best one's State."""
+    noise of the best hypothesis; white: the search in white noise; posterior: of all hypotheses; chosen: the State of
+    the best one."""
 
-    def __init__(self, run: Run, model: Model) -> None:
-        self.run, self.model = run, model
+    def __init__(self, run: Run, model: Model, without: str = '') -> None:
+        self.run, self.model, self._without = run, model, without
         self._settings = choose_settings(run, model)
         self.start = self.base = fit(run, model, self._settings)
         self.absent = missing_base(run, self.start)
         if self.absent:
             self.base = self._fit_of_base(Noise(), None)
         self.noiseless = self.base.rms < NOISELESS
-        self._white_search = self._relinearised()
-        self.bank = self._white_search.evidence.bank
+        self.white = self._relinearised()
+        self.bank = self.white.evidence.bank
         choice = self._choice()
         self.posterior, self.chosen = choice.posterior, choice.state
         self.evidence = self.chosen.evidence
@@ -217,12 +224,12 @@ class RunSearch:
             self.start = fit(run, model, self._settings, choice.noise, beyond=self.start.beyond)
 
     def _choice(self) -> Choice:
-        white = self._white_search
+        white = self.white
         if self.noiseless:
-            return Choice(Posterior({((), ()): 0.0}), white.evidence.empty, Noise())
+            return Choice(Posterior({((), ()): (0.0, ())}), white.evidence.empty, Noise())
         if is_coarse(self.base):
             best = white.best
-            posterior = Posterior({(names, ()): value for names, value in white.values.items()})
+            posterior = Posterior({(names, ()): looked for names, looked in white.looked.items()})
             return Choice(posterior, best if posterior.best[0] else white.evidence.empty,
                           Noise(resolution=resolution_of(self.run.centre)))
         return choose(white, self.base, self._under)
@@ -233,7 +240,8 @@ class RunSearch:
 
     def _relinearised(self) -> Search:
         """Return the search in white noise, with the second-order terms of what it finds."""
-        bank = Bank(self.run, with_priors(families_of(self.run)) if not self.noiseless else ())
+        families = [one for one in families_of(self.run) if one.name != self._without]
+        bank = Bank(self.run, with_priors(families) if not self.noiseless else ())
         evidence = evidence_of(self.base, bank)
         for _ in range(RELINEARISED):
             search = Search(evidence)
@@ -251,9 +259,9 @@ class RunSearch:
 
     @cached_property
     def _few(self) -> Bank:
-        return Bank(self.run, self._white_search.hopeful(HOPEFUL))
+        return Bank(self.run, self.white.hopeful(HOPEFUL))
 
-    def with_members(self, members: Sequence[Cause]) -> Fit:
+    def with_members(self, members: Sequence[Member]) -> Fit:
         """Return the joint fit of the model with members added, under the noise of the run."""
         terms = tuple(Term(one.family.effect) for one in members)
         model = replace(self.base.model, terms=(*self.base.model.terms, *terms), repeated=True)
@@ -261,14 +269,51 @@ class RunSearch:
                    self.base.joint.space)
 
     @cached_property
-    def claimed(self) -> tuple[tuple[Cause, Claim], ...]:
-        """The members that are claimed, the one that explains most first."""
-        members, out = self.chosen.members, []
-        for claim in self.posterior.claims:
-            for place, one in enumerate(members):
-                if (one.name == claim.name and claim.together >= CLAIM and not _has_twin(one, members)
-                        and self._is_guarded(place)):
-                    out.append((one, claim))
+    def causes(self) -> tuple[Cause, ...]:
+        """What the members of the best hypothesis say moves with what, the likeliest first."""
+        found = self.posterior.causes(self.run, self.chosen.places)
+        return tuple(sorted((replace(one, law_certain=self._is_certain(one)) for one in found),
+                            key=lambda one: -one.probability))
+
+    def _is_certain(self, cause: Cause) -> bool:
+        """Return whether no other law of the motions of a cause is near its own by likelihood."""
+        if not cause.names or cause.law_probability < SURE:
+            return False
+        for place, one in enumerate(self.chosen.members):
+            if one.place in cause.places:
+                rest = State(self.evidence, self.chosen.without(place))
+                own = float(rest.line(one.rows).max())
+                least, motion = own - max(NEAR_LAW * own, 2.0), motion_of(self.run, one.place)
+                for offer in rest.offers(is_open=False):
+                    other = self.evidence.member(offer.family, offer.setting, offer.volume)
+                    if (other.name not in cause.names and motion.agrees(motion_of(self.run, other.place))
+                            and rest.line(other.rows).max() > least):
+                        return False
+        return True
+
+    @cached_property
+    def said(self) -> tuple[Cause, ...]:
+        """The causes that are told: of what is claimed, and of what has no name."""
+        told = {*(self._cause_of(one) for one, _ in self.claimed), *map(self._cause_of, self._without_name)}
+        return tuple(one for one in self.causes if one in told)
+
+    @cached_property
+    def _without_name(self) -> list[Member]:
+        return [one for place, one in enumerate(self.chosen.members) if one.family.is_free and self._is_guarded(place)]
+
+    def _cause_of(self, member: Member) -> Cause:
+        return next(one for one in self.causes if member.place in one.places)
+
+    @cached_property
+    def claimed(self) -> tuple[tuple[Member, Claim], ...]:
+        """The named members that are claimed, the one that explains most first.
+
+        What stands beside a larger motion without a name may be what this leaves: it is not claimed."""
+        members, claims = self.chosen.members, {one.name: one for one in self.posterior.claims}
+        largest = max((one.size for one in members if one.family.is_free), default=0.0)
+        out = [(one, claims[one.name]) for place, one in enumerate(members)
+               if one.name in claims and one.size >= largest and self._is_guarded(place)
+               and max(self._cause_of(one).probability, claims[one.name].together) >= CLAIM]
         falls = {one: State(self.evidence, [other for other, _ in out if other is not one]).rss for one, _ in out}
         return tuple(sorted(out, key=lambda pair: -falls[pair[0]]))
 
@@ -297,7 +342,8 @@ class RunSearch:
         missing = tuple(dict.fromkeys([*self.absent, *(one.name for one in members)]))
         return Finding(
             self.model, self.start, self._final, missing,
-            tuple(Term(one.family.effect, one.setting) for one in members), tuple(dict.fromkeys(claims)),
+            tuple(Term(one.family.effect, one.setting) for one in members), tuple(dict.fromkeys(claims)), self.said,
+            tuple(self._cause_of(one) for one in members),
             tuple(one for one in self.posterior.claims if one not in claims), self._unnamed(), self._invisible(missing),
             self._not_needed(), tuple(Explanation(names, noise, p) for (names, noise), p
                                       in self.posterior.explanations()),
@@ -324,21 +370,14 @@ class RunSearch:
         return self._final.effects[len(self.base.settings):]
 
     def _unnamed(self) -> tuple[Unnamed, ...]:
-        out = []
-        for place, one in enumerate(self.chosen.members):
-            if one.family.is_free and self._is_guarded(place):
-                instead = {name: p for name, p in self.posterior.instead(one.name).items() if name not in EFFECTS}
-                likely = sorted((name for name, p in instead.items() if p > ALIKE * max(instead.values())),
-                                key=lambda name: -instead[name])
-                sets = dict.fromkeys(frozenset(place_of(one)[0] for one in name.split(TIMES)) for name in likely)
-                out.append(Unnamed(tuple(sets), one.setting.word('along'), one.setting, sum(instead.values())))
-        return tuple(out)
+        return tuple(Unnamed(cause.alternatives, one.setting.word('along'), one.setting, cause.probability)
+                     for one in self._without_name for cause in (self._cause_of(one),))
 
     def _invisible(self, missing: Sequence[str]) -> tuple[str, ...]:
         if self.noiseless:
             return ()
         shares: dict[str, float] = {}
-        for key, seen in self._white_search.evidence.shares.items():
+        for key, seen in self.white.evidence.shares.items():
             if not key[1]:
                 for number, share in zip(self.bank.groups[key].family.tolist(), seen.tolist()):
                     name = self.bank.families[number].name
@@ -358,13 +397,6 @@ class RunSearch:
             if f_test(without, self.start) > GUARD:
                 out.append(str(term))
         return tuple(out)
-
-
-def _has_twin(named: Cause, members: Sequence[Cause]) -> bool:
-    """Return whether a free course of the same body and variable stands beside a name: its shape is not right."""
-    effect = named.family.effect
-    return any(FREE.variables_of(one.setting) & set(effect.variables)
-               and effect.body.split(' ')[0] in one.setting.word('along') for one in members if one.family.is_free)
 
 
 def _candidates(search: RunSearch) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
@@ -395,7 +427,7 @@ def _candidates(search: RunSearch) -> tuple[tuple[Candidate, ...], tuple[tuple[s
     return tuple(out), tuple(refused)
 
 
-def _candidate(search: RunSearch, member: Cause, before: WithoutBlocks, probability: float, p: float,
+def _candidate(search: RunSearch, member: Member, before: WithoutBlocks, probability: float, p: float,
                parameters: tuple[Parameter, ...], alike: Sequence[str] | None = None) -> Candidate:
     """Return the Candidate of a member beside a state; alike: None where it is not claimed."""
     evidence, state = search.evidence, before.state
@@ -413,7 +445,7 @@ def _candidate(search: RunSearch, member: Cause, before: WithoutBlocks, probabil
         tuple(alike or ()), alike is not None)
 
 
-def _searched(members: Sequence[Cause]) -> int:
+def _searched(members: Sequence[Member]) -> int:
     """Return how many numbers of members are searched; choices do not count."""
     return sum(one.kind != 'choice' for member in members for one in member.family.effect.searched)
 

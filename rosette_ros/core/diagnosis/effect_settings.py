@@ -7,7 +7,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace, Reals
 from rosette_ros.core.diagnosis.hypotheses import refined
-from rosette_ros.core.diagnosis.log_evidence import ROUNDING, Cause, Evidence, State, turned_by
+from rosette_ros.core.diagnosis.log_evidence import ROUNDING, Evidence, Member, State, turned_by
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.least_squares import Fit, fit, refused_as_hidden
@@ -70,7 +70,7 @@ def families_of_terms(run: Run, model: Model) -> list[CauseFamily]:
 
 def searched(evidence: Evidence, model: Model) -> tuple[Setting, ...]:
     """Return the best Setting of each effect of a model, jointly; the bank of the evidence: of `families_of_terms`."""
-    members: list[Cause] = []
+    members: list[Member] = []
     for place, term in enumerate(model.terms):
         best = _best(evidence, members, place, term)
         if best is None:
@@ -83,7 +83,7 @@ def searched(evidence: Evidence, model: Model) -> tuple[Setting, ...]:
     return tuple(one.setting for one in members)
 
 
-def _best(evidence: Evidence, others: Sequence[Cause], place: int, term: Term) -> Cause | None:
+def _best(evidence: Evidence, others: Sequence[Member], place: int, term: Term) -> Member | None:
     """Return an effect at its best setting beside others, None where it cannot be seen."""
     state = State(evidence, others)
     offer = next((one for one in state.offers() if one.family.name == str(place)), None)

@@ -1,27 +1,133 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search for hypotheses that explain a run: sets of members grown side by side, exchanged, dropped."""
+"""The search for hypotheses that explain a run: members join one and two at a time, are exchanged, leave.
 
-from collections.abc import Callable, Container, Iterator
+Neither of two effects may be worth anything alone, so that a search that adds the best one at a time never meets them:
+the best setting of each named family is kept in a pool, of which all pairs are scored together.
+"""
+
+import math
+from collections.abc import Callable, Collection, Container, Iterator
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, combinations_with_replacement, product
 
 import numpy as np
 import scipy  # which loads `optimize` where it is used: many runs have nothing to refine
 
 from rosette_ros.core.diagnosis.bank import CauseFamily
-from rosette_ros.core.diagnosis.log_evidence import NEAR, Cause, Evidence, State, Suggestion
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, Suggestion
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.records import Floats, Ints
 
 MOST = 5
 """Families of members of a hypothesis, and exchanges in it, at most."""
 BEAM, BRANCHES = 2, 3
-"""Hypotheses that are grown side by side, and how many ways each."""
+"""Hypotheses that are grown side by side, and how many ways each, by one member and by two."""
+POOL = 48
+"""Members of a pool."""
+PAIR_SIZES = 2.0**np.array([2, 4, 6])
+"""Sizes of each of two members over sigma at which their pair is scored: an estimate."""
+PAIR_WIDTHS = 4, 12, 48
+"""Numbers of columns of members that are scored together; those of more are a class of their own."""
 COARSE, FINE = 5e-3, 0.3
 """Share of its bracket to which a parameter is refined, at most and times the square root of what it is worth."""
 ENOUGH = 0.1
 """Log evidence by which an exchange has to be better for another one to be tried."""
 AGAIN = 0.05
 """Share by which what parameters are worth has to grow for them to be refined in turn once more."""
+
+Looked = tuple[float, tuple[Place, ...]]
+"""Log evidence of a hypothesis and its members at their best settings."""
+
+
+class Pool:
+    """The best settings of the named families alone, one of each number of columns: what each two are worth together.
+
+    volumes: of the families, as of Member.
+    """
+
+    def __init__(self, evidence: Evidence, volumes: dict[str, float]) -> None:
+        best: list[tuple[float, CauseFamily, Setting]] = []
+        for key, blocks in evidence.blocks.items():
+            if key[1] or not blocks.seen.size:
+                continue
+            group, worth = evidence.bank.groups[key], blocks.log_bf(None, evidence.empty)
+            family = group.family[blocks.seen]
+            order = np.lexsort((worth, family))
+            for k in order[np.diff(family[order], append=-1) != 0]:
+                one = evidence.bank.families[family[k]]
+                if one.name in volumes:
+                    best.append((worth[k] + one.log_prior + volumes[one.name], one,
+                                 one.settings[group.setting[blocks.seen[k]]]))
+        best.sort(key=lambda each: -each[0])
+        self.members = [evidence.member(one, setting, volumes[one.name]) for _, one, setting in best[:POOL]]
+        self._log_prior = np.array([one.volume + one.family.log_prior for one in self.members])
+        self._rows = np.concatenate([np.zeros((0, evidence.y.size)), *(one.rows for one in self.members)])
+        self._gram, self._product = self._rows @ self._rows.T, self._rows @ evidence.y
+        width = np.array([len(one.rows) for one in self.members], dtype=int)
+        ends, kind = np.cumsum([0, *width]), np.searchsorted(PAIR_WIDTHS, width)
+        self._alike: list[tuple[Ints, Ints]] = []  # members of like width, and their rows, filled up by zeros
+        for k in np.unique(kind):
+            own = np.flatnonzero(kind == k)
+            rows = np.full((len(own), width[own].max()), len(self._rows))
+            for place, one in enumerate(own):
+                rows[place, :width[one]] = np.arange(ends[one], ends[one + 1])
+            self._alike.append((own, rows))
+        name = np.array([one.name for one in self.members])
+        single = np.array([not one.family.effect.repeatable for one in self.members], dtype=bool)
+        self._excluded = (name[:, None] == name) & single & ~np.eye(len(name), dtype=bool)
+
+    def best(self, state: State, without: Collection[str] = ()) -> list[tuple[float, tuple[Member, ...]]]:
+        """Return the BRANCHES best ones and twos beside a state, of other names or widths each, and what each gains.
+
+        without: names that they do not have."""
+        gains = self._gains(state)
+        there = {*without, *(one.name for one in state.members if not one.family.effect.repeatable)}
+        out: dict[tuple[tuple[str, int], ...], tuple[float, tuple[Member, ...]]] = {}
+        for flat in np.argsort(-gains, axis=None).tolist():
+            i, j = divmod(flat, len(gains))
+            if len(out) == BRANCHES or not np.isfinite(gains[i, j]):
+                break
+            members = tuple(self.members[k] for k in dict.fromkeys((i, j)))
+            key = tuple(sorted((one.name, len(one.rows)) for one in members))
+            if key not in out and there.isdisjoint(one.name for one in members):
+                out[key] = float(gains[i, j]), members
+        return list(out.values())
+
+    def _gains(self, state: State) -> Floats:
+        """Return the log evidence that each two members add to a state, (m, m), each alone on the diagonal."""
+        across = self._rows @ state.rows.T
+        used = across @ state.inverse
+        gram = np.pad(self._gram - used @ across.T, (0, 1))
+        product_ = np.pad(self._product - used @ state.product, (0, 1))
+        out = np.full((len(self.members),) * 2, -np.inf)
+        for (own, first), (others, second) in combinations_with_replacement(self._alike, 2):
+            i, j = np.triu_indices(len(own)) if own is others else np.indices((len(own), len(others))).reshape(2, -1)
+            rows = np.concatenate([first[i], second[j]], axis=1)
+            alone = own[i] == others[j]
+            rows[alone, first.shape[1]:] = len(self._rows)
+            gain = _pair_log_bf(gram[rows[:, :, None], rows[:, None]], product_[rows], first.shape[1], state)
+            out[own[i], others[j]] = gain + self._log_prior[own[i]] + np.where(alone, 0, self._log_prior[others[j]])
+        out[self._excluded] = -np.inf
+        return out
+
+
+def _pair_log_bf(gram: Floats, product_: Floats, first: int, state: State) -> Floats:
+    """Return the log Bayes factors (b,) of pairs beside a state, each of the two at the best of PAIR_SIZES.
+
+    gram, product_: (b, q, q), (b, q) beside the state; first: columns of the first of each pair. With S = diag(sizes),
+    det and square sum are those of the Cholesky factor of [[1 + S G S, S p], [p' S, y'y]]."""
+    count, q = product_.shape
+    best, system = np.full(count, -np.inf), np.empty((count, q + 1, q + 1))
+    for one, other in product(PAIR_SIZES, PAIR_SIZES):
+        size = np.where(np.arange(q) < first, one, other)
+        system[:, :q, :q] = size[:, None] * gram * size
+        system[:, q, :q] = size * product_
+        system[:, q, q] = state.left * (1 + 1e-9)
+        system[:, np.arange(q), np.arange(q)] += 1
+        root = np.einsum('bii->bi', np.linalg.cholesky(system))
+        best = np.maximum(best, -np.log(root[:, :q]).sum(axis=1)
+                          - state.evidence.dof * np.log(root[:, q] / math.sqrt(state.left)))
+    return best
 
 
 class Search:
@@ -30,8 +136,9 @@ class Search:
     def __init__(self, evidence: Evidence) -> None:
         self.evidence = evidence
         self.states: dict[tuple[str, ...], State] = {}
-        self.values: dict[tuple[str, ...], float] = {}
-        self._offers: dict[tuple[tuple[str, Setting], ...], list[Suggestion]] = {}
+        self.looked: dict[tuple[str, ...], Looked] = {}
+        self._offers: dict[tuple[bool, tuple[Place, ...]], list[Suggestion]] = {}
+        self._exhausted: set[tuple[Place, ...]] = set()
 
     @cached_property
     def grown(self) -> State:
@@ -41,7 +148,10 @@ class Search:
         while True:
             children: dict[tuple[str, ...], State] = {}
             for state in beam:
-                for child in self._children(state, BRANCHES, is_open=not state.members):
+                some = [*self._with_one(state, is_open=not state.members)]
+                if not state.members:
+                    some += self._with_pool(state, -NEAR)
+                for child in some:
                     children[child.names] = max(child, children.get(child.names, child), key=_evidence)
             beam = [self._settled(one) for one in sorted(children.values(), key=_evidence)[:-BEAM - 1:-1]
                     if len(set(one.names)) <= MOST]
@@ -54,13 +164,16 @@ class Search:
     @cached_property
     def best(self) -> State:
         """The State of the largest evidence that the search finds, by exchanging members of the one that was grown."""
-        best = self.grown
-        for _ in range(MOST):
-            better = max(self._exchanged(best), key=_evidence, default=best)
-            if better.log_evidence <= best.log_evidence + ENOUGH:
-                break
+        best, better = self.evidence.empty, self.grown
+        while better.log_evidence > best.log_evidence + ENOUGH:
             best = better
-        return best
+            better = self._settled(max((best, *self._exchanged(best)), key=_evidence))
+        return max(best, better, key=_evidence)
+
+    @cached_property
+    def pool(self) -> Pool:
+        """The members that may join two at a time."""
+        return Pool(self.evidence, {one.family.name: one.volume for one in self.offers(self.evidence.empty, True)})
 
     def hopeful(self, most: int) -> list[CauseFamily]:
         """Return all named families, and so many free ones that are worth most alone or beside the best members."""
@@ -87,65 +200,94 @@ class Search:
         names = state.names
         if names not in self.states or state.log_evidence > self.states[names].log_evidence:
             self.states[names] = state
-        self.values[names] = max(self.values.get(names, -np.inf), state.log_evidence)
+        self._look(names, state.log_evidence, state.places)
         return state
+
+    def _look(self, names: tuple[str, ...], value: float, places: tuple[Place, ...]) -> None:
+        if names not in self.looked or value > self.looked[names][0]:
+            self.looked[names] = value, places
 
     def offers(self, state: State, is_open: bool) -> list[Suggestion]:
         """Return the Suggestions beside a state that may join it; what they are worth counts among the hypotheses."""
-        key = (('open', Setting()), *((one.name, one.setting) for one in state.members)) if is_open else (
-            *((one.name, one.setting) for one in state.members),)
+        key = is_open, state.places
         if key not in self._offers:
             found = [one for one in state.offers(is_open)
                      if one.family.effect.repeatable or one.family.name not in state.names]
             for one in found:
-                names = tuple(sorted((*state.names, one.family.name)))
-                self.values[names] = max(self.values.get(names, -np.inf), state.log_evidence + one.gain)
+                self._look(tuple(sorted((*state.names, one.family.name))), state.log_evidence + one.gain,
+                           (*state.places, (one.family, one.setting)))
             self._offers[key] = found
         return self._offers[key]
 
-    def _children(self, state: State, most: int, is_open: bool, least: float = -NEAR) -> Iterator[State]:
+    def _with_one(self, state: State, is_open: bool, least: float = -np.inf) -> Iterator[State]:
+        """Yield a state with each of the best single members more; least: log evidence that is of use."""
         offers = self.offers(state, is_open)
-        for offer in offers[:most]:
-            if offer.gain > max(offers[0].gain - NEAR - 0.5 * max(offers[0].gain, 0), least):
+        for offer in offers[:BRANCHES]:
+            near = offers[0].gain - NEAR - 0.5 * max(offers[0].gain, 0)
+            if offer.gain > max(near, -NEAR, least - state.log_evidence):
                 yield self._kept(State(self.evidence, (*state.members, self.refined(state, offer))))
 
+    def _with_pool(self, state: State, least: float, without: Collection[str] = ()) -> Iterator[State]:
+        """Yield a state with each of the best ones and twos of the pool; arguments as of `_with_one` and `best`."""
+        for gain, members in self.pool.best(state, without):
+            if state.log_evidence + gain > least:
+                yield self._settled(State(self.evidence, (*state.members, *members)))
+
     def _exchanged(self, state: State) -> Iterator[State]:
-        """Yield what one member more, one or two members less, or another in their place make of a state."""
-        yield from map(self._settled, self._children(state, BRANCHES, True))
-        for fewer in (1, 2)[:len(state.members)]:
+        """Yield what none to two members less and one or two others in their place make of a state."""
+        useful, near = state.log_evidence - NEAR, state.log_evidence - NEAR / 3
+        for fewer in (0, 1, 2)[:len(state.members) + 1]:
             some: dict[tuple[str, ...], State] = {}
             for kept in combinations(state.members, len(state.members) - fewer):
-                rest = State(self.evidence, kept)
+                rest = State(self.evidence, kept) if fewer else state
                 some[rest.names] = max(rest, some.get(rest.names, rest), key=_evidence)
             for rest in map(self._kept, some.values()):  # of events of one kind those that are missed least
                 yield rest
-                for child in self._children(rest, BRANCHES, fewer == 1, -np.inf):
-                    near = child.log_evidence > state.log_evidence - NEAR / 3
-                    yield self._settled(child) if near else child
+                if rest.places in self._exhausted:
+                    continue
+                self._exhausted.add(rest.places)
+                for child in self._with_one(rest, True, useful) if fewer < 2 else ():
+                    yield self._settled(child) if child.log_evidence > near else child
+                yield from self._with_pool(rest, near, set(state.names) - set(rest.names))
 
-    def refined(self, state: State, offer: Suggestion) -> Cause:
+    def refined(self, state: State, offer: Suggestion) -> Member:
         """Return the member of an offer, what is searched continuously refined beside a state."""
         return refined(self.evidence, self.evidence.member(offer.family, offer.setting, offer.volume),
                        lambda one: 2 * float(state.line(one.rows).max()))
 
     def _settled(self, state: State) -> State:
-        """Return a state with every member refined beside the others, where that is better."""
+        """Return a state with every member searched again, and refined, beside the others."""
         for place in range(len(state.members) if len(state.members) > 1 else 0):
-            one = state.members[place]
-            rest = State(self.evidence, state.without(place))
-            made = self.refined(rest, Suggestion(0.0, one.family, one.setting, one.volume))
-            state = max(state, self._kept(State(self.evidence, (*rest.members[:place], made, *rest.members[place:]))),
-                        key=_evidence)
-        return state
+            one, rest = state.members[place], State(self.evidence, state.without(place))
+            offer = None if one.family.is_free else rest.offer(one.family)
+            made = self.refined(rest, Suggestion(0.0, one.family, one.setting, offer.volume if offer else one.volume))
+            if offer:  # somewhere else, or with another choice, it may be better beside these others
+                others = [self.evidence.member(one.family, setting, offer.volume)
+                          for setting in (offer.setting, *_other_choices(made))]
+                best = max((made, *others), key=lambda each: rest.line(each.rows).max())
+                if best is not made:
+                    made = self.refined(rest, Suggestion(0.0, best.family, best.setting, best.volume))
+            state = State(self.evidence, (*rest.members[:place], made, *rest.members[place:]))
+        return self._kept(state)
 
 
-def refined(evidence: Evidence, member: Cause, worth: Callable[[Cause], float],
-            fixed: Container[str] = ()) -> Cause:
+def _other_choices(member: Member) -> list[Setting]:
+    """Return the settings of a member with its choice made otherwise, all else as it is."""
+    names = [one.name for one in member.family.effect.searched if one.kind == 'choice' and one.name in member.setting]
+    if len(names) != 1:
+        return []
+    name, = names
+    others = {setting[name] for setting in member.family.settings if name in setting} - {member.setting[name]}
+    return [Setting({**member.setting, name: value}) for value in sorted(others, key=str)]
+
+
+def refined(evidence: Evidence, member: Member, worth: Callable[[Member], float],
+            fixed: Container[str] = ()) -> Member:
     """Return a member with its continuous parameters refined, again while several gain by that.
 
     worth: of a member, twice a log likelihood; fixed: parameters that stay.
     """
-    def at(name: str, value: float) -> Cause:
+    def at(name: str, value: float) -> Member:
         return evidence.member(member.family, Setting({**member.setting, name: float(value)}), member.volume)
 
     while True:

@@ -24,6 +24,8 @@ from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, CauseFamily, Coo
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.records import Floats, Ints, Run
 
+Place = tuple[CauseFamily, Setting]
+"""A family at a setting."""
 MANY = 4
 """Columns over rows of members from which on these are the less work."""
 ROUNDING = 1e-5
@@ -110,7 +112,7 @@ def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof:
 
 
 @dataclass(frozen=True, eq=False)
-class Cause:
+class Member:
     """A family at a setting: rows (q, 3 N), T M D of what the model leaves in white coordinates.
 
     volume: log of what the sum over all settings is worth over this one; most: largest size that physics allows; size:
@@ -129,6 +131,11 @@ class Cause:
         """The name of the effect, or the variables of a free course."""
         return self.family.name
 
+    @property
+    def place(self) -> Place:
+        """The family and the setting."""
+        return self.family, self.setting
+
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
@@ -144,6 +151,12 @@ class Blocks:
     value: Reals
     vector: Reals
     product: Reals
+
+    def within(self, place: slice) -> 'Blocks':
+        """Return those of a part of the group."""
+        own = slice(*np.searchsorted(self.seen, (place.start, place.stop)).tolist())
+        return Blocks(self.seen[own] - place.start, self.number[own], self.most[own], self.value[own],
+                      self.vector[own], self.product[own])
 
     def log_bf(self, across: Reals | None, state: 'State') -> Floats:
         """Return the log Bayes factors of the blocks, all sizes included; across: their products with the members."""
@@ -162,7 +175,7 @@ class Blocks:
 class Suggestion:
     """What a family is worth beside a state: gain in log evidence, prior and all settings included.
 
-    setting: the best one; volume: as of Cause.
+    setting: the best one; volume: as of Member.
     """
 
     gain: float
@@ -208,13 +221,13 @@ class Evidence:
                                      most=one.most * self.scale / other.scale) for key, one in self.blocks.items()}
         return other
 
-    def member(self, family: CauseFamily, setting: Setting, volume: float) -> Cause:
-        """Return a family at any setting as a Cause."""
+    def member(self, family: CauseFamily, setting: Setting, volume: float) -> Member:
+        """Return a family at any setting as a Member."""
         rows, most = self.space.residual(columns_of(family, self.run, setting)), family.effect.most(setting)
         if np.isfinite(most):
             columns = family.effect.columns(self.run, setting)
             most *= float(np.sqrt(np.sum((columns - columns.mean(axis=0))**2, axis=(0, 1)).max())) / self.scale
-        return Cause(family, setting, rows.reshape(len(rows), 3 * self.run.size), volume, most)
+        return Member(family, setting, rows.reshape(len(rows), 3 * self.run.size), volume, most)
 
     @cached_property
     def empty(self) -> 'State':
@@ -225,7 +238,7 @@ class Evidence:
 class State:
     """A set of members and its log evidence."""
 
-    def __init__(self, evidence: Evidence, members: Sequence[Cause]) -> None:
+    def __init__(self, evidence: Evidence, members: Sequence[Member]) -> None:
         self.evidence = evidence
         rows = [one.rows for one in members]
         self._ends = np.cumsum([0, *map(len, rows)])
@@ -315,7 +328,12 @@ class State:
         """The names of the members, sorted."""
         return tuple(sorted(one.name for one in self.members))
 
-    def without(self, place: int) -> tuple[Cause, ...]:
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """The families and settings of the members."""
+        return tuple(one.place for one in self.members)
+
+    def without(self, place: int) -> tuple[Member, ...]:
         """Return the members but one."""
         return self.members[:place] + self.members[place + 1:]
 
@@ -323,19 +341,33 @@ class State:
         """Return the Suggestion of every family beside the members, best first; is_open: of free courses, too."""
         evidence, bank = self.evidence, self.evidence.bank
         across = bank.products(self.rows, evidence.space.whitening, is_open) if len(self.rows) else {}
+        return self._suggested(bank.families, [(bank.groups[key].number, blocks, across.get(key))
+                                               for key, blocks in evidence.blocks.items() if is_open or not key[1]])
+
+    def offer(self, family: CauseFamily) -> Suggestion | None:
+        """Return the Suggestion of one named family beside the members; None where it cannot be seen."""
+        evidence, bank = self.evidence, self.evidence.bank
+        return next(iter(self._suggested([family], [
+            (bank.groups[key].number[place], evidence.blocks[key].within(place), across if len(self.rows) else None)
+            for key, place, across in bank.products_of(family, self.rows, evidence.space.whitening)])), None)
+
+    def _suggested(self, families: Sequence[CauseFamily],
+                   parts: Sequence[tuple[Ints, Blocks, Reals | None]]) -> list[Suggestion]:
+        """Return the Suggestions of families, best first; parts: numbers, Blocks, their products with the members."""
+        bank = self.evidence.bank
         log_bf, seen = np.full(bank.ends[-1], -np.inf), np.zeros(bank.ends[-1], dtype=bool)
-        for key, blocks in evidence.blocks.items():
-            if is_open or not key[1]:
-                log_bf[bank.groups[key].number] = 0.0  # as likely as nothing where it is hidden
-                free = np.count_nonzero(blocks.value > ROUNDING, axis=1) < evidence.dof - len(self.basis)
-                if free.any():  # what describes all that is left explains nothing
-                    log_bf[blocks.number[free]] = blocks.log_bf(across.get(key), self)[free]
-                    seen[blocks.number[free]] = True
+        for number, blocks, across in parts:
+            log_bf[number] = 0.0  # as likely as nothing where it is hidden
+            judged = np.count_nonzero(blocks.value > ROUNDING, axis=1) < self.evidence.dof - len(self.basis)
+            if judged.any():  # what describes all that is left explains nothing
+                log_bf[blocks.number[judged]] = blocks.log_bf(across, self)[judged]
+                seen[blocks.number[judged]] = True
         out = []
-        for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]):
-            value = log_bf[start:end]
-            if seen[start:end].any():  # of what this order hides altogether a run says nothing
-                best, whole = int(np.argmax(np.where(seen[start:end], value, -np.inf))), float(log_mean(value))
+        for family in families:
+            own = slice(*bank.range_of[family.name])
+            value = log_bf[own]
+            if seen[own].any():  # of what this order hides altogether a run says nothing
+                best, whole = int(np.argmax(np.where(seen[own], value, -np.inf))), float(log_mean(value))
                 prior = family.log_prior - math.log(1 + self.names.count(family.name))
                 out.append(Suggestion(whole + prior, family, family.settings[best], whole - float(value[best])))
         return sorted(out, key=lambda one: -one.gain)

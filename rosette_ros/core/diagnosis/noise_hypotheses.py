@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.diagnosis.bank import columns_of
-from rosette_ros.core.diagnosis.hypotheses import Search
-from rosette_ros.core.diagnosis.log_evidence import NEAR, Cause, State
+from rosette_ros.core.diagnosis.hypotheses import Looked, Search
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, State
 from rosette_ros.core.diagnosis.noise_kinds import LEAST, NOT_WHITE, Beside, Found, NoiseKinds
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.errors import NotDeterminable
@@ -32,7 +32,7 @@ class Choice:
     noise: Noise
 
 
-def kinds_beside(fitted: Fit, members: tuple[Cause, ...] = (), scale: float | None = None,
+def kinds_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | None = None,
                  least: float = LEAST) -> list[Found]:
     """Return the kinds of noise beside the effects of a fit in white noise and further members, best first.
 
@@ -49,17 +49,16 @@ def kinds_beside(fitted: Fit, members: tuple[Cause, ...] = (), scale: float | No
 
 def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choice:
     """Return the Choice for a run; white: the search in white noise of a fit; under: makes that in another noise."""
-    grown, scale = white.grown, white.evidence.scale
-    alone = kinds_beside(fitted, (), scale, max(LEAST, grown.log_evidence - NEAR))
-    best = grown if alone[0].log_evidence > grown.log_evidence + NEAR else white.best
-    values: dict[Key, float] = {}
+    best, scale = white.best, white.evidence.scale
+    alone = kinds_beside(fitted, (), scale, max(LEAST, best.log_evidence - NEAR))
+    looked: dict[Key, Looked] = {}
     sources: dict[Key, tuple[Search, Noise]] = {}
 
     def take(search: Search, kinds: tuple[str, ...], noise: Noise, shift: float) -> None:
-        for names, value in search.values.items():
+        for names, (value, places) in search.looked.items():
             key = names, kinds
-            if value + shift > values.get(key, -np.inf):  # noise of one kind may have other sizes beside other members
-                values[key], sources[key] = value + shift, (search, noise)
+            if key not in looked or value + shift > looked[key][0]:  # noise may have other sizes beside other members
+                looked[key], sources[key] = (value + shift, places), (search, noise)
 
     take(white, (), Noise(), math.log(1 - NOT_WHITE))
     # noise may take the place of what moves single readings, or the frame
@@ -68,7 +67,7 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
     while waiting and len(tried) < MOST:
         members = waiting.pop(0)
         base = State(white.evidence, [white.evidence.member(one.family, one.setting, one.volume) for one in members])
-        useful = max(values.values()) - NEAR - base.log_evidence  # to make it the best after a search under it
+        useful = max(value for value, _ in looked.values()) - NEAR - base.log_evidence  # to be the best after a search
         found = kinds_beside(fitted, base.members, scale, max(LEAST, useful)) if members else alone
         for one in found[:2]:
             if (not one.kinds or one.log_evidence < found[0].log_evidence - NEAR / 3 or (base.names, one.kinds) in tried
@@ -85,6 +84,6 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
             take(search, one.kinds, one.noise, base.log_evidence + one.log_evidence - here.log_evidence)
             if own.names not in (base.names, best.names) and (own.names, one.kinds) not in tried:
                 waiting.append(own.members)
-    posterior = Posterior(values)
+    posterior = Posterior(looked)
     search, noise = sources[posterior.best]
     return Choice(posterior, search.state(posterior.best[0]), noise)

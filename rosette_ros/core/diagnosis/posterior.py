@@ -1,18 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run is explained by: the probabilities of all hypotheses that were looked at, and what they say together."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import combinations, product
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.log_evidence import Place
+from rosette_ros.core.diagnosis.verdict import SURE
+from rosette_ros.core.effects.effect import PhysicalEffect
+from rosette_ros.core.effects.free import PLACES, variables
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.records import Floats, Run
 
 CLAIM = 0.7
-"""Probability of a name, with what this run cannot tell from it, from which on it is claimed."""
+"""Probability of a cause, with what this run cannot tell from it, from which on it is claimed."""
 ALIKE = 0.05
 """Probability of another name in its place, over that of a claim, from which on the run cannot tell them apart."""
+STANDS = 0.975
+"""Share of the variance of a variable, or of a course, that the functions of another variable describe where this
+stands for it."""
+WAVES = 12
+"""Functions of a variable on a line that are asked: slow ones."""
+HEARD = 1e-3
+"""Probability of a hypothesis below which nobody asks what moves in it: its share counts in no sum that is told."""
 
 Key = tuple[tuple[str, ...], tuple[str, ...]]
 """Names of the members, sorted, and kinds of the noise, none for white."""
@@ -36,14 +50,184 @@ class Claim:
         return tuple(name for name, _ in self.alternatives)
 
 
-class Posterior:
-    """The probabilities of hypotheses; log_evidence: of each, its prior included."""
+@dataclass(frozen=True)
+class Cause:
+    """What moves with what, as far as the run tells.
 
-    def __init__(self, log_evidence: Mapping[Key, float]) -> None:
-        self.keys = sorted(log_evidence, key=lambda key: -log_evidence[key])
-        values = np.array([log_evidence[key] for key in self.keys])
+    places: members of the best hypothesis; bodies: what moves, 'frame', 'plate growing', 'ball 7', 'reading 48' ...;
+    variables: with what, for each variable the set of those that stand for it in this order, itself first; probability:
+    that one of these bodies moves with these variables, by any law; laws: sets of names that do it, likeliest first,
+    empty without a name, each with the probability that it is this; law_certain: whether that of the best hypothesis is
+    surely it, no other one of the same motion being near by likelihood.
+    """
+
+    places: tuple[Place, ...]
+    bodies: frozenset[str]
+    variables: tuple[tuple[str, ...], ...]
+    probability: float
+    laws: tuple[tuple[tuple[str, ...], float], ...]
+    law_certain: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of its members in the best hypothesis, none where one has no name."""
+        return () if any(family.is_free for family, _ in self.places) else tuple(
+            sorted(family.name for family, _ in self.places))
+
+    @property
+    def alternatives(self) -> tuple[frozenset[str], ...]:
+        """Sets of variables that stand for each other: what is said is with one of these."""
+        return tuple(dict.fromkeys(map(frozenset, product(*self.variables))))
+
+    def number(self, what: str) -> int | None:
+        """Return the number of the ball or reading that moves, None where it is none."""
+        found = [one.split()[1] for one in self.bodies if one.startswith(f'{what} ')]
+        return int(found[0]) if found else None
+
+    @property
+    def law_probability(self) -> float:
+        """The probability that its law is that of the best hypothesis."""
+        return dict(self.laws).get(self.names, 0.0)
+
+
+@lru_cache(maxsize=2)
+def _described(run: Run) -> dict[tuple[str, str], float]:
+    """Return the share of the variance of variable b that slow functions of variable a describe, by (a, b)."""
+    out = {}
+    for name, basis in _slow_functions(run).items():
+        for other in variables(run):
+            circle = np.stack([np.cos(other.values), np.sin(other.values)])
+            out[name, other.name] = _share(circle if other.name in PLACES else other.values[None], basis)
+    return out
+
+
+@lru_cache(maxsize=2)
+def _slow_functions(run: Run) -> dict[str, Floats]:
+    """Return orthonormal functions (N, k) of each variable that a run records."""
+    out: dict[str, Floats] = {}
+    for one in variables(run):
+        functions = one.functions if one.name in PLACES else one.functions[:WAVES]
+        out.setdefault(one.name, np.linalg.qr(np.column_stack([np.ones(run.size), functions.T]))[0])
+    return out
+
+
+def _share(values: Floats, basis: Floats) -> float:
+    """Return the share of the variance of values (k, N) that orthonormal functions (N, m) describe."""
+    values = values - values.mean(axis=1, keepdims=True)
+    left = values - (values @ basis) @ basis.T
+    return 1 - float(np.sum(left**2) / max(np.sum(values**2), 1e-300))
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """What a member says: bodies that move, its variables, and for each those that stand for it in a run."""
+
+    bodies: frozenset[str]
+    own: frozenset[str]
+    standing: Mapping[str, frozenset[str]]
+
+    def agrees(self, other: '_Motion') -> bool:
+        """Return whether both say that one of the same bodies moves with something that may be the same."""
+        return not self.bodies.isdisjoint(other.bodies) and not (
+            self.may_be.isdisjoint(other.own) and other.may_be.isdisjoint(self.own))
+
+    @property
+    def may_be(self) -> frozenset[str]:
+        """All variables that it may depend on."""
+        return self.own.union(*self.standing.values())
+
+
+@lru_cache(maxsize=4096)
+def motion_of(run: Run, place: Place) -> _Motion:
+    """Return what a family at a setting says of what moves with what in a run."""
+    (family, setting), described = place, _described(run)
+    effect = family.effect
+    bodies, own = effect.moved(setting), effect.driven_by(setting)
+    standing = {one: {a if one == b else b for (a, b), share in described.items()
+                      if one in (a, b) and a != b and share > STANDS} for one in own}
+    if len(own) == 1 and isinstance(effect, PhysicalEffect):  # a law may be a function of more than its variable is
+        factors, = effect.factors(run, [setting])
+        course = np.asarray(factors.waves[factors.of_setting[0][0]], dtype=float)
+        if factors.at is None and np.ptp(course, axis=1).any():
+            standing[next(iter(own))] |= {
+                name for name, basis in _slow_functions(run).items() if _share(course, basis) > STANDS} - own
+    return _Motion(bodies, own, {one: frozenset(some) for one, some in standing.items()})
+
+
+class Posterior:
+    """The probabilities of hypotheses; looked: of each the log evidence, its prior included, and its members at their
+    best settings."""
+
+    def __init__(self, looked: Mapping[Key, tuple[float, tuple[Place, ...]]]) -> None:
+        self.keys = sorted(looked, key=lambda key: -looked[key][0])
+        values = np.array([looked[key][0] for key in self.keys])
         weight = np.exp(values - values[0])
         self.p = dict(zip(self.keys, (weight / weight.sum()).tolist()))
+        self._places = {key: looked[key][1] for key in self.keys}
+
+    def causes(self, run: Run, places: Sequence[Place]) -> tuple[Cause, ...]:
+        """Return what the members of the best hypothesis say; two that another one replaces are a Cause together."""
+        groups = [[place] for place in places]
+        for one, other in combinations(places, 2):
+            first, second = (next(group for group in groups if place in group) for place in (one, other))
+            if first is not second and self._is_replaced(run, one, other, places):
+                first += second
+                groups.remove(second)
+        laws: list[Counter[tuple[str, ...]]] = [Counter() for _ in groups]
+        seen: list[Counter[str]] = [Counter() for _ in groups]
+        heard = [(key, p) for key, p in self.p.items() if p > HEARD]
+        for key, p in heard:
+            for k, mine in enumerate(self._assigned(run, self._places[key], groups)):
+                if mine:
+                    is_free = any(family.is_free for family, _ in mine)
+                    laws[k][() if is_free else tuple(sorted(family.name for family, _ in mine))] += p
+                    for name in frozenset().union(*(motion_of(run, place).may_be for place in mine)):
+                        seen[k][name] += p
+        total = sum(p for _, p in heard)
+        return tuple(self._cause(run, tuple(group), {law: p / total for law, p in own.most_common()}, may_be)
+                     for group, own, may_be in zip(groups, laws, seen))
+
+    @staticmethod
+    def _assigned(run: Run, places: Sequence[Place], groups: Sequence[Sequence[Place]]) -> list[list[Place]]:
+        """Return which members of a hypothesis say what each group says: those of its names first."""
+        out: list[list[Place]] = [[] for _ in groups]
+        agreeing = [[k for k, group in enumerate(groups) if any(
+            motion_of(run, place).agrees(motion_of(run, one)) for one in group)] for place in places]
+        for is_name in (True, False):
+            for place, ks in zip(places, agreeing):
+                own = [k for k in ks if is_name == any(place[0].name == family.name for family, _ in groups[k])]
+                if own:
+                    out[min(own, key=lambda k: len(out[k]))].append(place)
+                if is_name and own:
+                    ks.clear()
+        return out
+
+    def _cause(self, run: Run, places: tuple[Place, ...], laws: dict[tuple[str, ...], float],
+               may_be: Mapping[str, float]) -> Cause:
+        motions, whole = [motion_of(run, place) for place in places], sum(laws.values())
+        # of several variables those that nearly every explanation has, at least the likeliest
+        ranked = sorted({one for motion in motions for one in motion.own}, key=lambda one: (-may_be[one], one))
+        kept = [one for one in ranked if may_be[one] >= SURE * max(may_be.values())] or ranked[:1]
+        standing = [frozenset[str]().union(*(motion.standing.get(one, ()) for motion in motions)) - {one}
+                    for one in kept]
+        sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
+        return Cause(places, frozenset().union(*(motion.bodies for motion in motions)), tuple(reversed(sets.values())),
+                     whole, tuple(laws.items()))
+
+    def _is_replaced(self, run: Run, one: Place, other: Place, places: Sequence[Place]) -> bool:
+        """Return whether a hypothesis that is not unlikely has one member that agrees with two in their place."""
+        rest = sorted(family.name for family, _ in places)
+        rest.remove(one[0].name)
+        rest.remove(other[0].name)
+        motions = motion_of(run, one), motion_of(run, other)
+        for key, p in self.p.items():
+            if p < ALIKE * self.p[self.best]:
+                return False
+            if len(key[0]) == len(rest) + 1:
+                more = [place for place in self._places[key] if place[0].name not in rest]
+                if len(more) == 1 and all(motion.agrees(motion_of(run, more[0])) for motion in motions):
+                    return True
+        return False
 
     @cached_property
     def nothing(self) -> float:
@@ -68,17 +252,12 @@ class Posterior:
     def claims(self) -> tuple[Claim, ...]:
         """The names of the best hypothesis, the likeliest first."""
         out = []
-        for name in dict.fromkeys(self.best[0]):
-            instead = self.instead(name)
-            named = {other: p for other, p in instead.items() if other in EFFECTS}
-            if not named:
-                continue
-            best = max(named, key=lambda other: named[other])
-            least = ALIKE * named[best]
-            alike = tuple(sorted(((other, p) for other, p in named.items() if other != best and p > least),
-                                 key=lambda pair: -pair[1]))
-            out.append(Claim(best, self.of(best), self.of(best, *(other for other, _ in alike)), alike))
-        return tuple(sorted(dict.fromkeys(out), key=lambda one: -one.together))
+        for name in dict.fromkeys(one for one in self.best[0] if one in EFFECTS):
+            named = {other: p for other, p in self.instead(name).items() if other in EFFECTS and other != name}
+            least = ALIKE * self.of(name)
+            alike = tuple(sorted(((other, p) for other, p in named.items() if p > least), key=lambda pair: -pair[1]))
+            out.append(Claim(name, self.of(name), self.of(name, *(other for other, _ in alike)), alike))
+        return tuple(sorted(out, key=lambda one: -one.together))
 
     def instead(self, name: str) -> dict[str, float]:
         """Return the probability of each member in place of one of the best hypothesis, the others being there."""

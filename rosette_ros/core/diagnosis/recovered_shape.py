@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of, scaled
-from rosette_ros.core.diagnosis.log_evidence import SIZES, Cause, State
+from rosette_ros.core.diagnosis.log_evidence import SIZES, Member, State
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES, motions, place_of, variables
 from rosette_ros.core.records import Floats
@@ -52,7 +52,7 @@ class Shape:
     curves: tuple[ShapeCurve, ...]
 
 
-def recovered_shapes(state: State, claimed: Sequence[Cause]) -> tuple[Shape, ...]:
+def recovered_shapes(state: State, claimed: Sequence[Member]) -> tuple[Shape, ...]:
     """Return the Shape of each claimed or unnamed member of a hypothesis that depends on one variable."""
     found = (_shape(state, place) for place, one in enumerate(state.members) if one.family.is_free or one in claimed)
     return tuple(shape for shape in found if shape is not None)
@@ -106,7 +106,7 @@ def _mixed(state: State, setting: Setting) -> tuple[Floats, Floats, int]:
     return mix, functions, len(motions(run)[setting.word('along')])
 
 
-def _twin(rest: State, member: Cause) -> Setting | None:
+def _twin(rest: State, member: Member) -> Setting | None:
     """Return the free course of one variable and the body of an effect that explains most in its place."""
     effect, run = member.family.effect, rest.evidence.run
     best, most = None, -np.inf

@@ -12,7 +12,7 @@ from rosette_ros.core.records import ROUNDED, Floats, Run, resolution_of
 from rosette_ros.core.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
-    from rosette_ros.core.diagnosis.posterior import Claim
+    from rosette_ros.core.diagnosis.posterior import Cause, Claim
     from rosette_ros.core.model.least_squares import Fit, Parameter
 
 UNLIKELY = 0.01
@@ -23,6 +23,8 @@ stated repeatability leaves as much. At 5 % one sound run of twenty would be ref
 every day; at 1e-6 a repeatability stated a third too small would pass on a plate of 6 balls. At 1 % a run of 12 balls
 (301 degrees of freedom) is refused from 1.10 times the stated repeatability, one of 6 balls (49) from 1.24 times.
 """
+SURE = 0.9
+"""Probability from which on something is said as found; below it is suspected."""
 CERTAIN = 4
 """An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
 COARSE = 0.5
@@ -46,6 +48,7 @@ class Outcome(StrEnum):
 
     FITS = 'fits'
     NAMED = 'named effect missing'
+    SUSPECTED = 'effect suspected'
     UNNAMED = 'unnamed effect missing'
     SCATTERS = 'scatters more than stated'
     DOUBTFUL_READINGS = 'fits, readings in doubt'
@@ -64,6 +67,7 @@ class Level(StrEnum):
 
 LEVELS = {
     Outcome.FITS: Level.GOOD, Outcome.DOUBTFUL_READINGS: Level.DOUBTFUL, Outcome.NAMED: Level.BAD,
+    Outcome.SUSPECTED: Level.DOUBTFUL,
     Outcome.UNNAMED: Level.BAD, Outcome.SCATTERS: Level.DOUBTFUL, Outcome.NO_REPEATABILITY: Level.DOUBTFUL,
     Outcome.NOISE: Level.DOUBTFUL, Outcome.NOT_DETERMINABLE: Level.BAD}
 
@@ -82,7 +86,7 @@ class Judged:
     @property
     def model_fails(self) -> bool:
         """Whether the model, with the stated repeatability, is refuted."""
-        return self.outcome in (Outcome.NAMED, Outcome.UNNAMED, Outcome.SCATTERS)
+        return self.outcome in (Outcome.NAMED, Outcome.UNNAMED, Outcome.SUSPECTED, Outcome.SCATTERS)
 
 
 @dataclass(frozen=True)
@@ -121,18 +125,25 @@ class Residual:
 class MissingEffect:
     """What a model lacks: a name, its setting, and between which times, s since the first reading, moments of it lie.
 
-    A base term has no setting and no parameters; probability: None where none was worked out; alternatives: names that
-    the run cannot tell from it, each with its probability; before, after: rms of the residual, m, without it and with
+    A base term has no setting, no parameters and no cause; cause: what moves with what, as far as the run tells;
+    alternatives: names that the run cannot tell from it, each with its probability; together: the probability that one
+    of all these is there; before, after: rms of the residual, m, without it and with
     it, beside what stands above it."""
 
     name: str
     setting: Mapping[str, float | str] = field(default_factory=dict)
     moments: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    probability: float | None = None
+    cause: 'Cause | None' = None
     alternatives: tuple[tuple[str, float], ...] = ()
+    together: float = 1.0
     parameters: tuple['Parameter', ...] = ()
     before: float = np.nan
     after: float = np.nan
+
+    @property
+    def probability(self) -> float:
+        """The probability that what is said of it is true: what moves with what, or one of the names."""
+        return max(self.cause.probability, self.together) if self.cause else 1.0
 
 
 class UnnamedMotion(Protocol):
@@ -243,19 +254,22 @@ class Verdict(Judged):
 
 
 def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Sequence[UnnamedMotion] = (),
-           claims: Sequence['Claim'] = (), doubtful: Sequence['Claim'] = (), hidden: Sequence[str] = (),
-           not_needed: Sequence[str] = ()) -> Verdict:
+           claims: Sequence['Claim'] = (), causes: Sequence['Cause'] = (), doubtful: Sequence['Claim'] = (),
+           hidden: Sequence[str] = (), not_needed: Sequence[str] = ()) -> Verdict:
     """Return the Verdict on a model.
 
     fit: of the model as given; final: with all named effects that are claimed, `missing`; claims: what is known of
-    each; the others as of Verdict.
+    each; causes: the one of each effect that `final` has beyond `fit`; the others as of Verdict.
     """
     before, after, noise = _residual(fit), _residual(final), noise_facts(final)
     wrong, run = wrong_readings(final), fit.run
     step = resolution_of(run.centre)
     is_rounded = any(remark.startswith(ROUNDED) for remark in run.remarks)
-    if missing or unnamed:
-        outcome = Outcome.NAMED if missing else Outcome.UNNAMED
+    lacks = _missing(fit, final, missing, {one.name: one for one in claims}, causes)
+    if lacks or unnamed:
+        surest = max([one.probability for one in lacks] + [one.probability for one in unnamed])
+        outcome = (Outcome.SUSPECTED if surest < SURE else
+                   Outcome.NAMED if any(one.probability >= SURE for one in lacks) else Outcome.UNNAMED)
     elif after.scatters:
         outcome = Outcome.SCATTERS
     elif run.repeatability is None:
@@ -265,7 +279,7 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Seque
     else:
         outcome = Outcome.NOISE if noise.is_other else Outcome.FITS
     return Verdict(
-        outcome, before, after, _missing(fit, final, missing, {one.name: one for one in claims}),
+        outcome, before, after, lacks,
         tuple(unnamed), tuple((one.name, one.probability) for one in doubtful), tuple(not_needed), tuple(hidden),
         _outliers(final, len(fit.effects)), wrong[:MOST_WRONG],
         max(len(wrong) - MOST_WRONG, 0), _too_large(final),
@@ -290,7 +304,7 @@ def _residual(fit: 'Fit') -> Residual:
 
 
 def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
-             claims: Mapping[str, 'Claim']) -> tuple[MissingEffect, ...]:
+             claims: Mapping[str, 'Claim'], causes: Sequence['Cause']) -> tuple[MissingEffect, ...]:
     """Return what a model lacks: base terms, then effects with their settings, the one that explains most first."""
     if not names:
         return ()
@@ -300,11 +314,11 @@ def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
     errors = [fit.rms] * bool(terms) + nested_rms(final, known)
     errors[0], errors[-1] = fit.rms, final.rms
     out = [MissingEffect(name, before=errors[0], after=errors[1]) for name in terms]
-    for place, (term, one) in enumerate(found, bool(terms)):
-        claim = claims.get(term.name)
+    for place, ((term, one), cause) in enumerate(zip(found, causes), bool(terms)):
+        claim = claims[term.name]
         out.append(MissingEffect(
-            term.name, one.setting, term.effect.moments(final.run, one.setting), claim.probability if claim else None,
-            claim.alternatives if claim else (), one.parameters, errors[place], errors[place + 1]))
+            term.name, one.setting, term.effect.moments(final.run, one.setting), cause, claim.alternatives,
+            claim.together, one.parameters, errors[place], errors[place + 1]))
     return tuple(out)
 
 

@@ -157,11 +157,20 @@ class Motion(_Factor):
     """Which body moves along what.
 
     body: `frame`, `table axis`, `plate`, `ball`, `CMM` or `reading`; axes: letters of its directions in the names of
-    amplitudes, none for a single direction. Each direction has a key, its part: its place among them as a rule.
+    amplitudes, none for a single direction; like: bodies of the motions without a name (free.py) that move the balls
+    alike, where body is none of them. Each direction has a key, its part: its place among them as a rule.
     """
 
     body: str = ''
     axes: str = ''
+    like: tuple[str, ...] = ()
+
+    def moved(self, setting: Setting) -> frozenset[str]:
+        """Return what moves, in the words of motions without a name; of one ball or reading with its number."""
+        for place in ('ball', 'reading'):
+            if setting.get(place):
+                return frozenset([f'{place} {setting[place]}'])
+        return frozenset(self.like or (self.body,))
 
     def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
         """Return the keys of the directions in which a setting acts."""
@@ -295,6 +304,14 @@ class Effect(_ByValue):
         """Return the Quantity of each column."""
         return ()
 
+    def moved(self, setting: Setting) -> frozenset[str]:
+        """Return what moves, in the words of motions without a name; of one ball or reading with its number."""
+        return frozenset([self.body])
+
+    def driven_by(self, setting: Setting) -> frozenset[str]:
+        """Return the variables with which it moves; the ball is none where one ball moves."""
+        return frozenset(self.variables)
+
     def most(self, setting: Setting) -> float:
         """Return the largest amplitude that physics allows, SI."""
         return float('inf')
@@ -400,6 +417,13 @@ class PhysicalEffect(Effect):
                 tuple((wave[key], tuple([number[part] for part in parts[place]])) for key, place in zip(keys, places)),
                 self.course.at(run, settings[places[0]])))
         return out
+
+    def moved(self, setting: Setting) -> frozenset[str]:
+        return self.motion.moved(setting)
+
+    def driven_by(self, setting: Setting) -> frozenset[str]:
+        driver = setting.get('driver')
+        return frozenset([str(driver)] if driver else self.variables) - ({'ball'} if setting.get('ball') else set())
 
     def _kinds(self, settings: Sequence[Setting]) -> Iterable[list[int]]:
         """Return the places of the settings of each kind."""

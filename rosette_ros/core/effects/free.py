@@ -146,6 +146,8 @@ OF_BALL = ('frame along z', 'plate along its x and y', 'plate along its x, y and
 OF_PLACE = {'ball': OF_BALL, 'CMM position': ('frame along z', 'frame along x and y', 'frame along x, y and z'),
             'table angle': ('frame along z', 'frame along x and y', 'frame along x, y and z')}
 """Motions at one ball, one CMM position or one table angle."""
+PLACES = tuple(OF_PLACE)
+"""The variables that say where a reading was taken: angles."""
 
 
 def _places(run: Run) -> dict[str, Ints]:
@@ -210,6 +212,15 @@ class FreeEffect(Effect):
     def variables_of(setting: Setting) -> frozenset[str]:
         """Return the variables on which a setting depends."""
         return frozenset(place_of(name)[0] for name in setting.word('of').split(TIMES))
+
+    def moved(self, setting: Setting) -> frozenset[str]:
+        where, number = place_of(setting.word('of').split(TIMES)[0])
+        return frozenset([f'ball {number}' if where == 'ball' and number else
+                          setting.word('along').partition(' along ')[0]])
+
+    def driven_by(self, setting: Setting) -> frozenset[str]:
+        where, number = place_of(setting.word('of').split(TIMES)[0])
+        return self.variables_of(setting) - ({where} if where == 'ball' and number else set())
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         count, directions = len(self.course(run, setting)[1]), len(motions(run)[setting.word('along')])

@@ -50,6 +50,7 @@ class TableTurn(Motion):
     """The table turns about its axis beside what its encoder shows: R e_t."""
 
     body = 'table axis'
+    like = ('table or plate turning',)
 
     def direction(self, run: Run, part: Any) -> Floats:
         return run.radius * on.tangential(run.alpha)
@@ -62,6 +63,7 @@ class AxisTilt(Motion):
     """The table axis tilts in the machine about x and about y: z at the ball per unit tilt."""
 
     body = 'table axis'
+    like = ('table axis tilting',)
     axes = 'xy'
 
     def direction(self, run: Run, part: Any) -> Floats:
@@ -76,6 +78,11 @@ class AxisShiftAndTilt(Motion):
 
     body = 'table axis'
     searched = (Searched('motion', '', 'radial, axial, tilt, or all of them'),)
+
+    def moved(self, setting: Setting) -> frozenset[str]:
+        """Return what moves; across and along its axis the table moves relative to the probe as the frame does."""
+        tilt, shift = frozenset(['table axis tilting']), frozenset(['frame'])
+        return {'tilt': tilt, 'all': tilt | shift}.get(setting.word('motion'), shift)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(motion=AXIS_MOTIONS)
@@ -102,6 +109,7 @@ class TableAxial(Motion):
     """The table grows along its axis: z."""
 
     body = 'table axis'
+    like = ('frame',)
 
     def direction(self, run: Run, part: Any) -> Floats:
         return on.unit(2, run.size)
@@ -140,6 +148,7 @@ class PlateGrowth(Motion):
     """The plate grows: R e_r."""
 
     body = 'plate'
+    like = ('plate growing',)
 
     def direction(self, run: Run, part: Any) -> Floats:
         return run.radius * on.radial(run.alpha)
@@ -155,6 +164,7 @@ class PlateOnSupports(Motion):
     """
 
     body = 'plate'
+    like = ('plate tilting',)
     searched = (Searched('height', 'm', 'h, height of the balls above the supports, negative below', 'phase'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
@@ -293,6 +303,7 @@ class CmmScales(Motion):
     """The scales of the two axes of the CMM across the table axis grow."""
 
     body = 'CMM'
+    like = ('scales and squareness of the CMM',)
     axes = 'xy'  # of an upright table
 
     def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
@@ -307,6 +318,7 @@ class CmmSquareness(Motion):
     """The angle between these two axes changes: along the first by the place along the second."""
 
     body = 'CMM'
+    like = ('scales and squareness of the CMM',)
 
     def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
         first, second = tuple(on.cmm_axes_names(run))
@@ -324,6 +336,7 @@ class CmmReversal(CmmScales):
     unknown counts zero.
     """
 
+    like = ('frame',)
     searched = (Searched('first', '', 'sense of the two axes before they first moved in the run'),)
     variables: ClassVar[tuple[str, ...]] = ('cmm sense',)
     depends_on = ('cmm_sense',)
@@ -355,6 +368,7 @@ class ProbeDeflection(Motion):
     """The ball centre moves along the last move of the CMM, across it, or along z."""
 
     body = 'CMM'
+    like = ('frame',)
     searched = (Searched('lobes', '1', 'm, lobes of the probe around its axis'),
                 Searched('part', '', 'along the move, across it, or along z'),
                 Searched('theta0', 'rad', 'direction of the move to the first ball, which is not recorded', 'phase'))
