@@ -18,8 +18,9 @@ from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, find, fitted_with_noise, judge
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, find, fitted_with_noise, judge
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
+from rosette_ros.core.diagnosis.explained import explained
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
@@ -53,6 +54,11 @@ def in_environment(verdict: Verdict, final: Fit, environment: Environment | None
     """Return the verdict on a run with what U of its final fit contains in an environment, None where none is stated.
     """
     return verdict if environment is None else replace(verdict, unseen=unseen(final, environment))
+
+
+def explanations_of(found: Finding, fitted: Fit) -> tuple[tuple[float, Fit], ...]:
+    """Return the explanations of a run, fits with probabilities; none for a fit that lacks what is claimed."""
+    return () if found.missing and fitted is not found.final else explained(found.fit.run, found.model)
 
 
 def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMotions:
@@ -237,4 +243,4 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
 __all__ = [
     'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'Known', 'LadderStep', 'Summary', 'Verdict', 'advise',
     'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'evaluate_jointly',
-    'find', 'in_environment', 'judge', 'ladder', 'summarise']
+    'explanations_of', 'find', 'in_environment', 'judge', 'ladder', 'summarise']

@@ -21,12 +21,13 @@ import numpy as np
 
 from benchmarks.blind.answers import Record
 from benchmarks.blind.runs import true_curves
-from rosette_ros.analysis import find
+from rosette_ros.analysis import explanations_of, find
 from rosette_ros.cli.hidden_demo import SIZES
-from rosette_ros.core.model.surroundings import surrounded
+from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
 from rosette_ros.core.scheme import BACK, COMPLETE_ORDERS, plan
 from rosette_ros.core.stated_environment import Environment, Size
+from rosette_ros.core.uncertainty_budget import budget
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden_kinds import NAMED, HiddenDraw
 
@@ -62,13 +63,14 @@ def measured(n: int, order: str, seed: int, hides: bool) -> Record:
     whole = scheme if order in COMPLETE_ORDERS else plan(n, BACK[order], seed)
     truth = remove_gauge(true_curves(Machine(quiet).run(whole)))
     found, began = find(run), time.process_time()
-    made = surrounded(found.final, environment(n))
+    made = budget(found.final, BudgetInputs(environment=environment(n)),
+                  explanations=explanations_of(found, found.final)).error_motions
     took = time.process_time() - began
     alone = found.final.error_motions
     return {'order': order, 'seed': seed, 'hides': hides, 'kinds': [one.kind for one in machine.hidden],
             'outcome': found.verdict.outcome.value, 'missing': list(found.missing), 'seconds': took,
-            'alone': _inside(alone, truth), 'inside': _inside(made.error_motions, truth),
-            'growth': float(np.median(made.error_motions.u / alone.u))}
+            'alone': _inside(alone, truth), 'inside': _inside(made, truth),
+            'growth': float(np.median(made.u / alone.u))}
 
 
 def _inside(motions: ErrorMotions, truth: Floats) -> float:

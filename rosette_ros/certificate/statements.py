@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, find, in_environment
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, explanations_of, find, in_environment
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.error_summary import AxisError, doubt_of, refuted, stated_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_lines
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.records import ErrorMotions, Floats, Run
@@ -152,13 +153,15 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
     limits = identity.limits(run.rotation)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
     given, verdict = budget_inputs(inputs.budget) if inputs.budget else BudgetInputs(), None
+    explanations: tuple[tuple[float, Fit], ...] = ()
     if run.n <= MOST_BALLS_JUDGED:
         found = find(fit.run, fit.model)
         verdict = verdict_text(in_environment(found.verdict, found.final, given.environment))
+        explanations = explanations_of(found, fit) if given.environment else ()
     measured, doubt, made = _measured(run, source), doubt_of(verdict), None
     refit, untouched = touches_of(source)
     if inputs.budget or run.n <= MOST_BALLS:
-        made = budget(fit, given, touch_scatter(refit), doubt=refuted(verdict))
+        made = budget(fit, given, touch_scatter(refit), doubt=refuted(verdict), explanations=explanations)
     motions, lines = stated_lines(fit, made if inputs.budget else None, limits, doubt)
     facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks))  # what to do is no result
     unknown = [*text.not_known(facts, fit.gauge), *(verdict.limits if verdict else ()), *untouched]

@@ -6,7 +6,7 @@ from functools import cached_property
 
 from rich.console import Console
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find, in_environment
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, explanations_of, find, in_environment
 from rosette_ros.cli.console import head, print_verdict, warn
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
@@ -64,7 +64,10 @@ class Opened:
 
     def budget_of(self, fit: Fit) -> Budget | None:
         """Return the budget of a fit, None where nothing is stated."""
-        return budget(fit, self.inputs, doubt=refuted(self.verdict)) if self.inputs else None
+        if not self.inputs:
+            return None
+        explanations = explanations_of(self.finding, fit) if self.finding and self.inputs.environment else ()
+        return budget(fit, self.inputs, doubt=refuted(self.verdict), explanations=explanations)
 
     def begin(self, out: Console) -> None:
         """Print what was measured, and the verdict or, where there is none, what is wrong with the readings."""

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import MofNCompleteColumn, Progress
 
 from rosette_ros import command
-from rosette_ros.analysis import evaluate_jointly
+from rosette_ros.analysis import evaluate_jointly, explanations_of
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
@@ -205,7 +205,8 @@ def run_budget(options: Namespace) -> None:
     inputs = opened.inputs or BudgetInputs()
     fit, refit = opened.fit, refit_if_touched(opened.path, options.run_id)
     hidden = visibility(opened.run, fit.sigma, fit.model.base) if options.hidden_effects else None
-    made = budget(fit, inputs, touch_scatter(refit), hidden, refuted(opened.verdict))
+    made = budget(fit, inputs, touch_scatter(refit), hidden, refuted(opened.verdict),
+                  explanations_of(opened.finding, fit) if opened.finding and inputs.environment else ())
     found = _repeated(made, options.monte_carlo, options.seed or 0) if options.monte_carlo else None
     if options.output:
         plots('plot_style').save(plots('budget_plots').budget_bars(made, found), options.output, options.force)

@@ -37,7 +37,7 @@ class Mixture:
 
     @classmethod
     def together(cls, p: Sequence[float], every: Sequence['Mixture']) -> 'Mixture':
-        """Return the mixture of several with probabilities p."""
+        """Return the mixture of several that are there with probabilities in the ratio of p."""
         weight = np.asarray(p) / np.sum(p)
         return cls(np.concatenate([share * one.p for share, one in zip(weight.tolist(), every, strict=True)]),
                    *(np.concatenate([getattr(one, name) for one in every]) for name in ('mean', 'sd')))

@@ -6,11 +6,12 @@ from functools import partial
 import numpy as np
 from scipy import special
 
+from rosette_ros.core.budget_lines import Contribution, root_mean
 from rosette_ros.core.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.stated_environment import KINDS, Environment
-from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, Contribution, root_mean
+from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.table_format import Column, Table, column, words

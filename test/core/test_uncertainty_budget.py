@@ -10,6 +10,7 @@ from synthetic import MICROMETRE, RADIUS
 
 from benchmarks.bench_coverage import coverage
 from rosette_ros.core.budget_inputs import BudgetInputs
+from rosette_ros.core.budget_lines import root_mean
 from rosette_ros.core.budget_monte_carlo import monte_carlo
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.error_summary import fit_lines
@@ -20,7 +21,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.touches import centre_factors, usual_directions
-from rosette_ros.core.uncertainty_budget import TouchScatter, budget, root_mean
+from rosette_ros.core.uncertainty_budget import TouchScatter, budget
 from rosette_ros.presentation.budget_results import together_words
 
 pytestmark = pytest.mark.long

@@ -26,6 +26,7 @@ from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
 from rosette_ros.core.effects.library import EFFECTS, effects_of
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.mixture import Mixture
 from rosette_ros.core.model.least_squares import HIDDEN, REFINED, Fit, observed
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.core.stated_environment import KINDS, LABORATORY, Environment, Unseen
@@ -89,6 +90,15 @@ class Surrounded:
         every = range(6)
         moved, carried = (one[:, high, every] - one[:, low, every] for one in (self.moved, self.carried))
         return self._by_owner(moved * carried)
+
+    def ranges(self, high: Sequence[int], low: Sequence[int], others: Floats) -> tuple[Mixture, ...]:
+        """Return the distribution of one point less another of each curve, 0..n-1; others: variance beside, (6,)."""
+        parts, every = self.difference_parts(high, low), range(6)
+        base = self.fit.weighted_sigma**2 * self.fit.joint.without_effects.difference_cofactor(high, low)
+        square, values = base + others + sum(parts.values()), self.error_motions.values
+        return tuple(Mixture.of_parts(float(step), float(square[place]), [
+            (p, float(parts[name][place])) for name, p in self.there.items()])
+            for place, step in enumerate(values[high, every] - values[low, every]))
 
     def _by_owner(self, products: Floats) -> dict[str, Floats]:
         """Return sums (...) of products (k, ...) by owner, none negative: effects take from each other what one shows.

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from rosette_ros.analysis import Summary
+from rosette_ros.analysis import Summary, explanations_of
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.error_summary import difference, doubt_of, fit_lines, refuted
@@ -112,7 +112,8 @@ def budget_of(summary: Summary, refit: SphereRefit | None = None,
     fit = summary.fit
     if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
         return None
-    return budget(fit, inputs, touch_scatter(refit), doubt=refuted(summary.verdict))
+    explanations = explanations_of(summary.diagnosis, fit) if summary.environment else ()
+    return budget(fit, inputs, touch_scatter(refit), doubt=refuted(summary.verdict), explanations=explanations)
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
