@@ -19,7 +19,7 @@ from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, find, fitted_with_noise, judge
-from rosette_ros.core.diagnosis.effect_settings import choose_settings
+from rosette_ros.core.diagnosis.effect_settings import choose_settings, families_of_terms
 from rosette_ros.core.diagnosis.explained import explained
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -112,11 +112,16 @@ def change(run: Run, before: Model, after: Model, known: Sequence[LadderStep] = 
     (old, error), (new, left) = ((one.fit, one.cross_validation) for one in (
         _step(run, model, known) for model in (before, after)))
     shift = np.abs(new.error_motions.values - old.error_motions.values).max(axis=0)
-    # in units of sigma^2 the square sum of 3 N errors falls by more than 12 + 2 k by chance for k amplitudes in less
-    # than one of a thousand cases (chi square of the gain)
-    extra = abs(new.rank - old.rank)
+    # in units of sigma^2 the square sum of 3 N errors falls by more than 12 + 2 k by chance for k parameters in less
+    # than one of a thousand cases (chi square of the gain), and by 2 ln m more for the best of m settings
+    extra = abs(new.dof - old.dof) + abs(_log_settings(run, after) - _log_settings(run, before))
     chance = 1 - (12 + 2 * extra) / (6 * run.size)
     return Change(old, new, error, left, shift, bool(left < error * chance), bool(error < left * chance))
+
+
+def _log_settings(run: Run, model: Model) -> float:
+    """Return the logarithm of the number of settings of which those of the effects of a model are the best."""
+    return float(sum(np.log(len(family.settings)) for family in families_of_terms(run, model)))
 
 
 def ladder(run: Run, model: Model, known: Sequence[LadderStep] = ()) -> tuple[LadderStep, ...]:
@@ -133,7 +138,7 @@ def _step(run: Run, model: Model, known: Sequence[LadderStep]) -> LadderStep:
         if step.fit.model == model:
             return step
     found = analyse(run, model)
-    return LadderStep.of(found, cross_validation_rms(run, found))
+    return LadderStep.of(found, cross_validation_rms(found))
 
 
 def claimed_model(diagnosis: Diagnosis) -> Model:

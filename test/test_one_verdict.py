@@ -36,6 +36,8 @@ from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_te
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
 SIZES = ((6, 1), (8, 2), (9, 3))
 """Balls and seed."""
+MISSING = Outcome.NAMED, Outcome.SUSPECTED, Outcome.UNNAMED
+"""Outcomes in which something is missing."""
 MARKS = {Level.GOOD: '✓', Level.DOUBTFUL: '?', Level.BAD: '✗'}
 
 
@@ -103,7 +105,7 @@ def test_every_interface_states_one_verdict(kind, n, seed, tmp_path, capsys):
     assert (verdict.level == Level.GOOD) == (verdict.outcome == Outcome.FITS)
     for verb, found in verbs(path, capsys):
         if isinstance(found, str):
-            names = verb == 'compare' and verdict.outcome in (Outcome.NAMED, Outcome.UNNAMED)  # left to diagnose
+            names = verb == 'compare' and verdict.outcome in MISSING  # left to diagnose
             assert ('The model does not fit' if names else text.sentence) in found, verb
             assert names or text.action in found or text.action == NOTHING_TO_DO, verb
             continue
@@ -200,7 +202,7 @@ def test_a_combination_and_what_is_left_stand_in_the_sentence():
 def test_an_unknown_repeatability_is_said_where_an_effect_is_named():
     """The name rests on the structure of the residual."""
     sentence = verdict_text(judge(clean(6, 1, [DRIFT]).replace(repeatability=None))).sentence
-    assert 'Missing: drift of the probe relative to the table.' in sentence
+    assert 'most like drift of the probe relative to the table (' in sentence
     assert 'rests on the structure of the residual alone' in sentence
 
 

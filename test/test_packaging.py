@@ -2,17 +2,34 @@
 """The packaging: what is pinned, what is declared, and that commands and launch files fit together."""
 
 import ast
+import os
 import re
+import signal
+import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 import rosette_ros
+from rosette_ros.cell.supervisor import MODULES, Cell
 from rosette_ros.nodes import names
 
 ROOT = Path(__file__).resolve().parents[1]
+LAUNCH = '''
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+service, source = LaunchService(), PythonLaunchDescriptionSource(sys.argv[1])
+service.include_launch_description(LaunchDescription([
+    IncludeLaunchDescription(source, launch_arguments=[('log_dir', sys.argv[2])])]))
+sys.exit(service.run())
+'''
+CELL_LAUNCH = ROOT / 'launch' / 'cell.launch.py'
 LOCK = ROOT / 'requirements' / 'requirements.lock'
 
 ROSDEP_KEYS = {
@@ -142,14 +159,40 @@ def test_commands_exist():
         assert function in names, module
 
 
-def test_launch_file_starts_commands_that_exist():
-    """The executables that the launch file names are commands of setup.py, each node under its own name."""
-    tree = ast.parse((ROOT / 'launch' / 'cell.launch.py').read_text())
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == 'node']
-    started = {(call.args[1].value, call.args[0].value) for call in calls}
-    assert started == {('recorder', 'recorder'), ('evaluator', 'evaluator'), ('sequencer', 'sequencer'),
-                       ('cmm', 'simulated_cmm'), ('cmm', 'dme_cmm')}
-    assert {command for _, command in started} <= set(scripts())
+def test_launch_file_starts_the_cell_of_the_command():
+    """The same nodes under the same names in the same order, with the same parameters, as `rosette cell`."""
+    tree = ast.parse(CELL_LAUNCH.read_text())
+    calls = [[one.value for one in call.args] for call in ast.walk(tree)
+             if isinstance(call, ast.Call) and ast.unparse(call.func) == 'node']
+    started = {(name, scripts()[command][0]): {*arguments} for command, name, *arguments in calls}
+    wanted = {}
+    for cell in (Cell(dme='cmm.yaml'), Cell(machine='machine.yaml')):
+        wanted |= {(name, cell._modules[name]): {one for one, value in given.items() if value is not False}
+                   for name, given in cell._params.items()}
+    assert started == wanted
+    assert list(dict.fromkeys(name for name, _ in started)) == list(MODULES)
+    declared = {call.args[0].value for call in ast.walk(tree)
+                if isinstance(call, ast.Call) and ast.unparse(call.func) == 'DeclareLaunchArgument'}
+    assert set().union(*started.values()) <= declared
+
+
+@pytest.mark.long
+def test_launch_file_runs(tmp_path, domain_id):
+    """Where `launch` and the built package are found: the cell is complete, and ends with the launch."""
+    pytest.importorskip('launch_ros', exc_type=ImportError)
+    try:
+        get_package_share_directory('rosette_ros')
+    except PackageNotFoundError:
+        pytest.skip('the package is not built here')
+    with subprocess.Popen(
+            [sys.executable, '-c', LAUNCH, CELL_LAUNCH, tmp_path], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id)}) as running:
+        try:
+            assert any(names.COMPLETE in line for line in running.stdout)
+            running.send_signal(signal.SIGINT)
+            assert running.wait(60) == 0
+        finally:
+            running.kill()
 
 
 def test_launch_file_of_the_corrector_starts_a_command_that_exists():

@@ -30,7 +30,6 @@ from rosette_ros.presentation.plots.budget_plots import budget_bars
 from rosette_ros.presentation.plots.plan_plots import pictures_of_plans
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
-from rosette_ros.presentation.plots.touch_plots import touch_directions
 from rosette_ros.presentation.report import open_source, pictures_of, report_html
 from rosette_ros.presentation.report.run_page import budget_of
 from rosette_ros.simulation import Machine, MachineConfig
@@ -68,7 +67,6 @@ def main():
         photograph(page, options.browser)
     keep(irregular_plate(), 'plans-irregular-plate.png')
     picture_plans()
-    keep(touch_directions(lobed()), 'report-touches.png')
     keep(bars(), 'budget.png')
 
 
@@ -82,13 +80,6 @@ def bars(trials=10_000):
     found = monte_carlo(made, trials)
     print(agreement_words(found))
     return budget_bars(made, found)
-
-
-def lobed():
-    """Return the spheres fitted to the touches of a cell with a lobed ball and a lobed probe."""
-    hidden = [{'kind': 'ball_lobes', 'ball': 3, 'height_um': 0.4, 'order': 2, 'phase_deg': 30},
-              {'kind': 'probe_lobing', 'height_um': 0.15, 'order': 2}]
-    return touches(*Machine(MachineConfig().changed(hidden=hidden)).calibrate(plan(12, 'random'))[1:])
 
 
 def touches(alignment, readings):

@@ -16,6 +16,7 @@ from rosette_ros.archive.run_archive import MARK
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.bag_metadata import FILE_NAME as METADATA
 from rosette_ros.io.bag_metadata import is_hidden, is_one_log
+from rosette_ros.io.text_file import is_regular
 
 _STAMPED = ('size', 'mtime', 'created', 'LastModified', 'last_modified', 'ETag', 'etag')
 """What file systems say of a file that changes when its content does."""
@@ -79,8 +80,8 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
             raise InvalidData(f'{place}: wanted a folder of logs, or a log, got an archive')
         is_local = 'file' in ((system.protocol,) if isinstance(system.protocol, str) else system.protocol)
         kept = [path for path, facts in files.items()
-                if (facts['type'] == 'file' or (is_local and Path(path).is_file()))
-                and not any(map(is_hidden, path.removeprefix(root).split('/')))]
+                if not any(map(is_hidden, path.removeprefix(root).split('/')))
+                and (facts['type'] == 'file' or (is_local and is_regular(Path(path))))]
         if root in files and not kept:
             raise InvalidData(f'{place}: wanted a folder of logs, or a log, got a device, a pipe or a hidden file')
         for path, inside in _grouped(root, kept):

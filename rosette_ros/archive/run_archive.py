@@ -25,7 +25,7 @@ import pyarrow.parquet as pq
 
 from rosette_ros.archive.run_row import KEY, SCHEMA, table_of
 from rosette_ros.core.errors import InvalidData, counted
-from rosette_ros.io.text_file import read_limited, reading, write_bytes, write_text
+from rosette_ros.io.text_file import is_regular, path_of, read_limited, reading, write_bytes, write_text
 
 FORMAT = 'rosette-archive/1'
 MARK, PARTS = 'rosette-archive.json', 'parts'
@@ -48,13 +48,13 @@ def local_folder(name: str | Path) -> Path:
 
     Raises InvalidData for other URLs, and for host:/folder where no folder has that name: a folder `s3:` would be made
     here, and queried there."""
-    text = re.sub('^(file|local):(///|/(?!/))', '/', str(name))
+    text = path_of(str(name))
     head = text.partition('/')[0]
     if '://' in text or (':' in head and not Path(head).exists()):
         raise InvalidData(f'{name}: wanted a folder of this computer as archive, got a place elsewhere; mount it and '
                           'name where it is mounted' + f', or write ./{text} for a folder of that name' * (
                               '://' not in text))
-    return Path(text).expanduser().absolute()
+    return Path(text).absolute()
 
 
 class RunArchive:
@@ -93,7 +93,7 @@ class RunArchive:
         """The files with rows."""
         with reading(self.folder / PARTS, 'the files of an archive'):
             return sorted(path for path in (self.folder / PARTS).iterdir()
-                          if path.suffix == '.parquet' and not path.name.startswith('.'))
+                          if path.suffix == '.parquet' and not path.name.startswith('.') and is_regular(path))
 
     def check_writable(self) -> None:
         """Raise InvalidData where no file can be written: better before hours of work than after."""
@@ -128,6 +128,8 @@ class RunArchive:
             except duckdb.Error as error:
                 if all(path.exists() for path in parts):  # else another process has just joined some
                     raise InvalidData(f'{self.folder}: {" ".join(str(error).split())}') from error
+            except RuntimeError as error:  # DuckDB puts it in the place of what the handler of a signal raises
+                raise KeyboardInterrupt from error
 
     def _query(self, sql: str, values: Sequence[Any], views: Mapping[str, str], parts: Iterable[Path]) -> pa.Table:
         with duckdb.connect() as base:

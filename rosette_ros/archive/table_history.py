@@ -16,12 +16,11 @@ from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z, wrap
 from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Ints
-from rosette_ros.core.trend import LEAST_LINE, LEAST_RUNS, Chart, Event, Forecast, TimeSeries
+from rosette_ros.core.trend import LEAST_LINE, LEAST_RUNS, Event, Forecast, TimeSeries
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 DAY = 86400.0
-PEAK_TO_VALLEY = 'peak to valley'
 LEAST_SHARE = 1e-3
 """A harmonic that is smaller than this share of its u in every run is zero by convention, not by measurement."""
 
@@ -67,24 +66,6 @@ class History:
         """Return the changes, in the order of time."""
         return trend.find_events(self.days, self.quantities, self.temperature)
 
-    def charts(self) -> list[tuple[TimeSeries, int, Chart]]:
-        """Return the control charts of each component of the harmonics, each error (peak to valley) and the residual.
-
-        Their limits are those of the stated uncertainty times the run-to-run scatter, and hold for all of them."""
-        errors = [TimeSeries('table', f'{curve}, {PEAK_TO_VALLEY}', self.range[:, [place]],
-                             self.U[:, [place]] / COVERAGE_FACTOR, SI_UNITS[curve])
-                  for place, curve in enumerate(CURVES)]
-        series = [*errors, *(one for one in self.quantities if one.owner in ('table', 'residual'))]
-        return trend.control_charts(series, _components(self.days, series))
-
-    def chart_of(self, event: Event) -> tuple[TimeSeries, int, Chart]:
-        """Return the control chart of the component that an event has moved most, in its standard uncertainties."""
-        step = event.steps[0]
-        part = int(np.argmax(np.abs(step.size / step.u)))
-        like = [one for one in self.quantities if one.owner == step.series.owner]
-        return next((series, place, chart) for series, place, chart in trend.control_charts(
-            like, _components(self.days, self.quantities)) if series is step.series and place == part)
-
     def exchanged(self, run: int) -> dict[str, tuple[str, str]]:
         """Return the devices whose serial number is another one from a run on: before and after."""
         before, after = self.serials[run - 1], self.serials[run]
@@ -125,11 +106,6 @@ class History:
         rms, u = series.values[begin:, 0], series.u[begin:, 0]
         found = trend.course(self.days[begin:], np.log(rms), u / rms) if np.all(rms > 0) else None
         return None if found is None else (float(np.exp(found[0])), float(np.exp(found[1])))
-
-
-def _components(days: Floats, series: Sequence[TimeSeries]) -> int:
-    """Return how many components of quantities are watched in how many runs."""
-    return len(days) * sum(one.values.shape[1] for one in series)
 
 
 def read_history(archive: RunArchive, table: str, model: str = '') -> History:

@@ -46,9 +46,6 @@ class TableTrend:
         if not self.events:
             notes.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
                          'time and temperature are no steps.')
-        if beyond := [results.component_name(series, part) for series, part, one in history.charts()
-                      if one.alarms and one.alarms[-1] == len(one.z) - 1]:
-            notes.append(f'In the last run beyond the limits of their control charts: {"; ".join(beyond)}.')
         if course := history.residual_course(self.events):
             notes.append(results.residual_words(course))
         notes += results.too_few_words(history.too_few(self.events))

@@ -3,6 +3,7 @@
 
 Whoever drives it passes the time (steady, s) and carries out the commands that each step returns."""
 
+import shlex
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -14,12 +15,13 @@ from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.core.axes import refuse_other_axis, refuse_other_sense
 from rosette_ros.core.errors import RosetteError, plain
 from rosette_ros.core.geometry import Frame, table_frame, wrap
-from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
+from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers
 
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
+KEPT, NOTHING, CONTINUE = 'what was measured is in', 'nothing was measured', 'continue with: '
 PAUSE = 'the plan has a pause here, resume the run after it'
 
 
@@ -98,8 +100,15 @@ Command = Ask | Locate | PublishState | PublishRun | Verify | Remark | Finish
 Commands = tuple[Command, ...]
 
 
-def complaint(answer: Answer, target: Target, limits: Limits) -> str:
-    """Return why an answer is no measurement of its target, '' where it is one."""
+def with_advice(words: str, log: str, where: Collection[str]) -> str:
+    """Return how a run ended and how to continue it; log: '' where nothing is in it; where: options of its cell."""
+    words = words.removesuffix(f'; {KEPT} the log').removesuffix(f'; {NOTHING}')
+    more = shlex.join(['rosette', 'calibrate', '--resume', log, *where])
+    return f'{words}; {KEPT} {log}; {CONTINUE}{more}' if log else f'{words}; {NOTHING}'
+
+
+def complaint(answer: Answer, target: Target, limits: Limits, frames: Collection[str] = FRAMES) -> str:
+    """Return why an answer is no measurement of its target, '' where it is one; frames: in which it may be."""
     wanted, got = ((one.table_position, one.ball, one.cmm_position) for one in (target, answer))
     if wanted != got:
         return f'wanted table position, ball, CMM position {wanted}, got {got}'
@@ -109,10 +118,9 @@ def complaint(answer: Answer, target: Target, limits: Limits) -> str:
         return (f'wanted finite numbers, got centre {answer.centre}, table_angle {answer.table_angle}, table_travel '
                 f'{answer.table_travel}')
     frame, asked = answer.frame, short_frame(target.frame_id)
-    if frame not in (MACHINE_FRAME, TABLE_FRAME):
-        return f'wanted frame_id {MACHINE_FRAME!r} or {TABLE_FRAME!r}, got {answer.frame_id!r}'
-    if frame == MACHINE_FRAME and asked == TABLE_FRAME:
-        return f'wanted frame_id {TABLE_FRAME!r} as in the alignment, got {answer.frame_id!r}'
+    if frame not in frames:
+        return (f'wanted frame_id {" or ".join(map(repr, frames))}{" as in most answers" * (len(frames) == 1)}, got '
+                f'{answer.frame_id!r}')
     if abs(float(wrap(answer.table_angle - target.table_angle))) > limits.angle:
         degrees = abs(float(wrap(np.deg2rad(answer.table_angle) - target.table_angle))) <= limits.angle
         return (f'wanted the table within {limits.angle:g} rad of {target.table_angle:.6f} rad, got '
@@ -149,7 +157,7 @@ class Sequence:
         self._next_index = self._tries = self._planned_session = self._left_by = 0
         self._results: Results | None = None
         self._held, self._is_gone, self.disturbed = '', True, list[str]()
-        self._skipped_last = True
+        self._skipped_last, self._is_aligned_again = True, False
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
         self._pace = deque[float](maxlen=PACE_OF)  # when the last answers were taken, since the last pause
@@ -200,7 +208,7 @@ class Sequence:
         if target is None or answer.seq != target.seq:
             waiting = 'nothing' if target is None else f'seq {target.seq}'
             return (Remark(f'not used: answer to seq {answer.seq}, waiting for {waiting}'),)
-        if words := complaint(answer, target, self.limits):
+        if words := complaint(answer, target, self.limits, self.answers.in_frames):
             return self._again(words, now, answer.is_refused)
         self._asked, self._left_by = None, target.seq
         commands = self._take(target, answer)
@@ -369,7 +377,7 @@ class Sequence:
         reason = self._why_not_skipped(target)
         if reason is not None:
             return self._finish(Phase.FAILED, f'{words}; {reason}'
-                                f'{"what was measured is in the log" if self.done else "nothing was measured"}')
+                                f'{f"{KEPT} the log" if self.done else NOTHING}')
         self.skipped.append(target)
         self._asked, self._skipped_last = None, True
         return (Remark(f'{words}; left out, {len(self.skipped)} of at most {self.limits.skips}'), *self._next(now))
@@ -388,14 +396,18 @@ class Sequence:
         """Find the table frame from the alignment's centres; a CMM may know it already."""
         n = self.plan.scheme.n
         self._alignment[:n] = sorted(self._alignment[:n], key=lambda answer: answer.table_position)
-        centres, frames = np.array([one.centre for one in self._alignment]), {one.frame for one in self._alignment}
+        known = [self.answers.answer_to(seq) for seq in self._taken]
+        if None in known or {one.frame for one in self._alignment} != {*self.answers.in_frames}:
+            words = f'alignment: wanted all centres in {self.answers.in_frames[0]!r} as most, got others before'
+            if self._is_aligned_again:
+                return self._finish(Phase.FAILED, words)
+            self._alignment, self._taken, self._next_index, self._is_aligned_again = [], set(), 0, True
+            return (Remark(f'{words}; asking again'),)
+        centres = np.array([one.centre for one in self._alignment])
         remarks = tuple(map(Remark, remarks_on_answers(self.answers.counting())))
-        if frames == {TABLE_FRAME}:
+        if self.answers.is_in_table_frame:
             self._frame, self._frame_id = Frame.identity(), TABLE_FRAME
             return remarks
-        if frames != {MACHINE_FRAME}:
-            return self._finish(Phase.FAILED, f'alignment: wanted all centres in one frame, got '
-                                f'{", ".join(sorted(frames))}')
         try:
             # Ball 1 was seen at the first table position; x is where it is at table angle 0.
             self._frame = table_frame(centres[:n], centres[n:]).turned(-self.plan.scheme.table_offset)

@@ -32,7 +32,7 @@ from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals, make_executor
-from rosette_ros.nodes.environment import check_domain
+from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import RESTART, NodeMonitors, started
 from rosette_ros.nodes.topic_publishers import TopicPublishers
@@ -70,7 +70,7 @@ class GraphClient:
     def __init__(self, name: str, domain_id: int | None, namespace: str,
                  make_executor: Callable[..., Executor] = SingleThreadedExecutor, **settings: Any) -> None:
         check_messages()
-        check_domain(domain_id)
+        check_environment(domain_id)
         os.environ.update(added_environment(os.environ))
         self._where, self._context = f'/{namespace.strip("/")}', Context()
         try:
@@ -114,7 +114,6 @@ class CellClient(GraphClient):
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         super().__init__(self.name, domain_id, namespace)
-        self._rejections: list[str] = []
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
         self._run_id, self._is_restarted, self._has_state = '', False, False
         self._progress = CalibrationProgress()
@@ -183,7 +182,6 @@ class CellClient(GraphClient):
 
         Raises CellError where the sequencer is not there, refuses, or is disconnected."""
         self.wait()
-        self._rejections.clear()
         self._run_id, self._is_restarted, self._on_warning = '', False, None
 
         def on_feedback(message: Any) -> None:
@@ -200,10 +198,6 @@ class CellClient(GraphClient):
                 handle = self._await(accepted, RESUME_TIMEOUT if resume else 10.0, check, interrupt)
             except (KeyboardInterrupt, TimeoutError):  # else the run begins later, and nobody waits for it
                 handle, timeout = self._await(accepted, CANCEL_TIMEOUT, check), 0.0
-            if not handle.accepted:
-                self._spin_until(lambda: bool(self._rejections), 2.0)  # the action has no field for the reason
-                reason = self._rejections[-1] if self._rejections else 'see the log of the sequencer'
-                raise CellError(f'cell {self._where}: calibration refused: {reason}')
             self._on_warning = on_warning
             result = handle.get_result_async()
             try:
@@ -211,6 +205,8 @@ class CellClient(GraphClient):
             except (KeyboardInterrupt, TimeoutError):
                 handle.cancel_goal_async()
                 response = self._await(result, CANCEL_TIMEOUT, check)
+        if response.status == GoalStatus.STATUS_ABORTED and not response.result.run_id:
+            raise CellError(f'cell {self._where}: calibration refused: {plain(response.result.message, most=2000)}')
         return outcome_of(response)
 
     def _await(self, future: Future, timeout: float | None, check: Callable[[], object] | None,
@@ -236,11 +232,6 @@ class CellClient(GraphClient):
         """Return the command that resumes a run of this cell."""
         return command('calibrate', '--resume', run, *names.where(self._context.get_domain_id(), self._where))
 
-    @property
-    def measured(self) -> int:
-        """Number of balls that the sequencer has reported last."""
-        return self._progress.done
-
     def _on_log(self, message: Log) -> None:
         node = message.name.rpartition('.')[2]
         is_told = node == names.SEQUENCER and message.level > LoggingSeverity.WARN  # that a run has failed: its result
@@ -258,9 +249,7 @@ class CellClient(GraphClient):
         self._is_restarted = True
 
     def _on_event(self, event: CalibrationEvent) -> None:
-        if event.kind == CalibrationEvent.REJECTED and event.origin == names.CALIBRATE:
-            self._rejections.append(plain(event.text, most=2000))
-        elif event.kind == CalibrationEvent.ACCEPTED:
+        if event.kind == CalibrationEvent.ACCEPTED:
             self._run_id = plain(event.run_id)
 
 

@@ -24,7 +24,7 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.core.number_words import micrometres, significant
 from rosette_ros.core.touches import LEAST_TOUCHES, fit_spheres
 from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
-from rosette_ros.io.reading_checks import Check, check_answers
+from rosette_ros.io.reading_checks import Check, check_answers, temperature_words
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.liveliness import NodeMonitor, target_subscriptions
@@ -32,7 +32,7 @@ from rosette_ros.nodes.liveliness import NodeMonitor, target_subscriptions
 SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
 SEQUENCER_SEARCH = client.SEARCH
 CLOCK_OFF = 2.0  # a stamp so long before its target or after its answer is of another clock, s
-PLAUSIBLE_FORM, PLAUSIBLE_TEMPERATURE = 1e-4, (5.0, 45.0)  # m; °C
+PLAUSIBLE_FORM = 1e-4  # m
 SAME_CENTRE = 1e-6  # by which the sphere through them may be off the answer, m
 CONNECTED = ('types', 'quality of service')
 """Checks of the graph without which no answer can come."""
@@ -119,9 +119,9 @@ class CmmClient(CellClient):
                 break
             received, _, answer = next(one for one in self._of(run.run_id) if one[2].seq == target.seq)
             waited.append(received - began)
-            words = complaint(answer, target, limits)
-            complaints += [f'{target}: {words}'] if words else []
             run.add_answer(answer)
+            words = complaint(answer, target, limits, run.in_frames)
+            complaints += [f'{target}: {words}'] if words else []
         self._spin_until(lambda: False, ECHOES)
         checks = (*self._graph_checks(), self._one_answer(run), _answers(complaints, asked.total), *self._together(run))
         each = statistics.median(waited) if waited else None
@@ -206,9 +206,9 @@ class CmmClient(CellClient):
                             f'{significant(1e6 * min(form))} to {micrometres(max(form))}'))
         checks.append(self._touch_check(run.run_id, answers))
         warm = np.array([answer.temperature for answer in answers])
-        known, (low, high) = warm[np.isfinite(warm)], PLAUSIBLE_TEMPERATURE
-        checks.append(Check('temperature', bool(np.all((known > low) & (known < high))) if known.size else None,
-                            f'{known.min():.2f} to {known.max():.2f} °C' if known.size else 'not measured (NaN)'))
+        known, wrong = warm[np.isfinite(warm)], temperature_words(warm)
+        checks.append(Check('temperature', not wrong if known.size else None, wrong or (
+            f'{known.min():.2f} to {known.max():.2f} °C' if known.size else 'not measured (NaN)')))
         return checks
 
     def _touch_check(self, run_id: str, answers: Sequence[Answer]) -> Check:

@@ -19,7 +19,7 @@ import yaml
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.nodes import names, qos
-from rosette_ros.nodes.environment import check_domain
+from rosette_ros.nodes.environment import check_environment
 
 MODULES = {names.RECORDER: 'rosette_ros.nodes.recorder', names.EVALUATOR: 'rosette_ros.nodes.evaluator',
            names.CMM: 'rosette_ros.nodes.simulated_cmm', names.SEQUENCER: 'rosette_ros.nodes.sequencer'}
@@ -151,7 +151,7 @@ class Cell:
     def start(self) -> None:
         """Start all nodes and wait until the cell is complete."""
         check_messages()
-        check_domain(self.domain_id)
+        check_environment(self.domain_id)
         self.output_dir = Path(self._output_dir or tempfile.mkdtemp(prefix='rosette_cell_'))
         self.output_dir.mkdir(parents=True, exist_ok=True)
         try:

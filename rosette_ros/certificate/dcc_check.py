@@ -14,8 +14,8 @@ from rosette_ros import __version__
 from rosette_ros.certificate.dcc import DCC, OWN, SI, Element, content_digest, document
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.errors import InvalidData, RosetteError, one_line
-from rosette_ros.io.bag_metadata import find_files
 from rosette_ros.io.identity_file import Identity, format_identity, parse_identity
+from rosette_ros.io.log_reader import find_files
 from rosette_ros.io.open_run import has_plate
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import digest

@@ -27,6 +27,7 @@ from rosette_ros.core.uncertainty_budget import Budget, budget, probability_of_u
 from rosette_ros.io.budget_file import budget_inputs
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity, open_readings
+from rosette_ros.io.reading_checks import temperature_words
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, environment_words
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
@@ -253,7 +254,7 @@ def _check_issue(issued: str, ended: str) -> None:
 
 def _measured(run: Run, source: Source) -> Measured:
     days = (source.begun[:10], source.ended[:10]) if source.begun and source.ended else None
-    known = run.temperature[np.isfinite(run.temperature)]
+    known = run.temperature[np.isfinite(run.temperature) & (temperature_words(run.temperature) == '')]
     degrees = [text.fixed(float(one), 3) for one in (known.min(), known.max())] if known.size else []
     rows = (
         ('Run', run.run_id or Path(run.source).name), ('Readings', text.run_size(run)),

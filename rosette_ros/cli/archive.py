@@ -10,7 +10,6 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import pyarrow as pa
-from matplotlib.figure import Figure
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
@@ -22,7 +21,7 @@ from rosette_ros.archive.reanalysis import RunChange, TrendComparison
 from rosette_ros.archive.run_adding import Added, Engine, add_logs
 from rosette_ros.archive.run_archive import RunArchive, local_folder
 from rosette_ros.archive.run_row import COLUMNS
-from rosette_ros.archive.table_history import PEAK_TO_VALLEY, History, read_history
+from rosette_ros.archive.table_history import History, read_history
 from rosette_ros.archive.table_trend import TableTrend, trend_of
 from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, load, made_folder, whole
 from rosette_ros.cli.console import console, print_json, print_parts
@@ -39,7 +38,7 @@ from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, pla
 from rosette_ros.presentation.plots import plot_style, trend_plots
 from rosette_ros.presentation.report.trend_page import trend_html
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
-from rosette_ros.presentation.trend_results import Charts, charts_table, component_name, size_words, slope_words
+from rosette_ros.presentation.trend_results import size_words, slope_words
 
 MOST_WORKERS = 4096
 
@@ -310,7 +309,7 @@ def trend_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--model', metavar='HASH', default='', help='hash of the model, or its beginning (default: '
                         'that of most runs)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the trend as a page (HTML)')
-    parser.add_argument('--figures', metavar='DIR', help='write the pictures (PNG): errors over time, control charts')
+    parser.add_argument('--figures', metavar='DIR', help='write the picture of the errors over time (PNG)')
     add_shared(parser, '--force', '--json')
 
 
@@ -319,8 +318,10 @@ def run_trend(options: Namespace) -> None:
     if options.output:
         refuse_output(options.output, options.force)
     history = read_history(RunArchive(options.archive), options.table, options.model)
-    trend, charts = trend_of(history), history.charts()
-    pictures = _pictures(trend, charts) if options.figures or options.output else {}
+    trend = trend_of(history)
+    pictures = {'ranges': trend_plots.ranges_over_time(
+        history.dates, history.range, history.U, history.tolerances, trend.events, trend.forecasts)
+    } if options.figures or options.output else {}
     paths = plot_style.save_all({f'trend_{name}': figure for name, figure in pictures.items()}, made_folder(
         options.figures, 'to write to', ''), 'png', options.force) if options.figures else []
     said = [f'Table {history.serial or "without serial number"}, {history.dates[0]:%Y-%m-%d} to '
@@ -328,11 +329,10 @@ def run_trend(options: Namespace) -> None:
             f'{trend.sentence}.', *trend.notes]
     if options.output:
         write_text(options.output, trend_html(
-            history.serial, history.model_hash, history.dates, said[1:],
-            [*trend.tables, charts_table(charts, history.dates)], pictures, options.command_line, history.simulated),
-            options.force)
+            history.serial, history.model_hash, history.dates, said[1:], trend.tables, pictures, options.command_line,
+            history.simulated), options.force)
     if options.json:
-        print_json(_table_trend_json(trend, charts))
+        print_json(_table_trend_json(trend))
         return
     out = console()
     for sentence in said:
@@ -344,7 +344,7 @@ def run_trend(options: Namespace) -> None:
         out.print(f'Page: {options.output}', markup=False, soft_wrap=True)
 
 
-def _table_trend_json(trend: TableTrend, charts: Charts) -> Json:
+def _table_trend_json(trend: TableTrend) -> Json:
     """Return the trend, schema rosette-trend/1."""
     history, events = trend.history, trend.events
     runs, dates, names = history.runs, history.dates, dict(zip(CURVES, CURVE_KEYS, strict=True))
@@ -365,28 +365,7 @@ def _table_trend_json(trend: TableTrend, charts: Charts) -> Json:
             'level': one.level, 'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
             'expected_d': one.expected, 'soonest_d': one.soonest} for curve, one in trend.forecasts.items()},
         'too_few_runs': {names[curve]: count for curve, count in history.too_few(events).items()},
-        'residual_course_m': history.residual_course(events),
-        'charts': [{'quantity': series.name, 'component': part, 'ewma': one.ewma, 'ewma_limit': one.ewma_limit,
-                    'cusum_high': one.high, 'cusum_low': one.low, 'cusum_limit': one.cusum_limit,
-                    'alarms': [runs[alarm] for alarm in one.alarms]} for series, part, one in charts]})
-
-
-def _pictures(trend: TableTrend, charts: Charts) -> dict[str, Figure]:
-    """Return the pictures by name; that of what moved most at the last change where there is one."""
-    history, events = trend.history, trend.events
-    every = [(series.name, chart) for series, _, chart in charts]
-    summary = [one for one in every if PEAK_TO_VALLEY in one[0] or one[0].startswith('residual')]
-    harmonics = [one for one in every if one not in summary]
-    moved = {}
-    if events:
-        series, part, chart = history.chart_of(events[-1])
-        moved['control_chart'] = trend_plots.events_over_time(history.dates, series, chart,
-                                                              component_name(series, part), events)
-    return {'ranges': trend_plots.ranges_over_time(history.dates, history.range, history.U, history.tolerances, events,
-                                                   trend.forecasts),
-            'summary': trend_plots.charts_over_time(history.dates, summary, 2),
-            **({'harmonics': trend_plots.charts_over_time(history.dates, harmonics, 3)} if harmonics else {}),
-            **moved}
+        'residual_course_m': history.residual_course(events)})
 
 
 IMPLEMENTED = {

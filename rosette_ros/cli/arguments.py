@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.stated_environment import CLASSES
-from rosette_ros.io.text_file import refuse_read
+from rosette_ros.io.text_file import path_of, refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 
 PICTURES = ('.png', '.svg', '.pdf')
@@ -83,7 +83,7 @@ def keep_inputs(options: argparse.Namespace, *written: Path) -> None:
 
 
 def expand_home(options: argparse.Namespace) -> None:
-    """Replace `~/` at the begin of what was given by the home of the user, where no shell has (`--model=~/m.yaml`)."""
+    """Replace what was given as `~/` or file:/// by the path that it means, where no shell has (`--model=~/m.yaml`)."""
     for name, value in vars(options).items():
         if isinstance(value, list):
             setattr(options, name, [_expanded(one) for one in value])
@@ -92,7 +92,7 @@ def expand_home(options: argparse.Namespace) -> None:
 
 
 def _expanded(value: Any) -> Any:
-    return os.path.expanduser(value) if isinstance(value, str) and f'{value}/'.startswith('~/') else value
+    return path_of(value) if isinstance(value, str) else value
 
 
 def namespace(text: str) -> str:
@@ -174,13 +174,14 @@ def add_formats(parser: argparse.ArgumentParser, csv: str) -> argparse._Mutually
 
 def load(module: str, what: str) -> ModuleType:
     """Import what only some commands need; raise UsageError for `what`, naming the package, where one is missing."""
+    os.environ['MATPLOTLIBRC'] = os.devnull  # matplotlib cannot be imported where it cannot read that of the user
     try:
         return importlib.import_module(module)
     except RosetteError:
         raise
     except Exception as error:
         package = (getattr(error, 'name', None) or '').partition('.')[0]
-        file = traceback.extract_tb(error.__traceback__)[-1].filename
+        file = [one.filename for one in traceback.extract_tb(error.__traceback__) if os.path.isfile(one.filename)][-1]
         is_ours = package in ('', 'rosette_ros') and Path(file).is_relative_to(Path(__file__).parents[1])
         if is_ours or package == 'rosette_ros':
             raise

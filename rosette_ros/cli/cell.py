@@ -19,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import FIELDS, IDENTITY, LIMITS, OPTIONS, PLATE, RUN
-from rosette_ros.calibration.state_machine import PAUSE
+from rosette_ros.calibration.state_machine import CONTINUE, PAUSE
 from rosette_ros.cell.client import CalibrationOutcome, CellClient, HangDetector
 from rosette_ros.cell.cmm_check import CmmClient, CmmReport
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, MOST_PARAMETERS, Cell
@@ -187,7 +187,6 @@ def started(out: Console, cell: Cell) -> Iterator[Cell]:
         yield cell
 
 
-KEPT = 'what was measured is in'
 AS_CONFIGURED = ('balls', 'turning', 'repeats', 'drift_check', 'attempts', 'skips', 'touches')
 """Fields of the goal that are options of the same name: type, range and meaning are those of the setting."""
 
@@ -260,9 +259,7 @@ def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
             outcome = client.calibrate(on_progress=display.show, on_warning=display.warn, **goal)
         except TimeoutError as error:
             raise CellError(f'{error}; see the output of the sequencer') from error
-    text = outcome.message.removesuffix(f'; {KEPT} the log').removesuffix('; nothing was measured')
-    text += (f'; {KEPT} {outcome.log}; continue with: {client.resume_command(outcome.log)}'
-             if outcome.log and client.measured else '; nothing was measured')
+    text = outcome.message.replace(f'{CONTINUE}rosette ', f'{CONTINUE}{command()} ')
     if outcome.cancelled:
         raise KeyboardInterrupt(text)
     if PAUSE in outcome.message:

@@ -16,7 +16,9 @@ import shutil
 import signal
 import sys
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+import threading
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn, TypeAlias
@@ -77,6 +79,7 @@ Implementation: TypeAlias = tuple[Arguments, Carry] | Mapping[str, tuple[str, Ar
 """What a module of verbs has of one: its arguments and its function; or by word what it does, and the same of it."""
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
+PATIENCE = 3.0  # a signal that asks for the end ends a verb within this time, s
 
 
 class Parser(argparse.ArgumentParser):
@@ -127,9 +130,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='signs')
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:  # nohup stays as it is
-            signal.signal(number, _end)
+    ends = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) is signal.SIG_DFL]
+    for number in ends:  # nohup stays as it is
+        signal.signal(number, _end)
+    if argv is None and ends:  # the process is that of the command
+        told, tells = os.pipe()
+        os.set_blocking(tells, False)
+        signal.set_wakeup_fd(tells)
+        threading.Thread(target=_end_late, args=(told, ends), name='end', daemon=True).start()
     try:
         options = parse(sys.argv[1:] if argv is None else list(argv))
         expand_home(options)
@@ -141,7 +149,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_ERROR
     except KeyboardInterrupt as interrupt:
         _print_error(str(interrupt) or 'interrupted')
-        return EXIT_INTERRUPTED
+        return next((128 + one for one in ends if signal.getsignal(one) is signal.SIG_IGN), EXIT_INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output has closed it; nothing can be written, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -172,6 +180,16 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
     """Leave through all `with` blocks: a cell ends with the command that started it."""
     signal.signal(number, signal.SIG_IGN)
     sys.exit(128 + number)
+
+
+def _end_late(told: int, numbers: Collection[int]) -> None:
+    """End the process that a signal did not end in time, as its main thread waits within a library: for a database.
+
+    Nodes of its cell end themselves then, in good order."""
+    while (number := os.read(told, 1)[0]) not in numbers:
+        pass
+    time.sleep(PATIENCE)
+    os._exit(128 + number)
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan measures and determines, plans side by side, plans for a given time; what an order can show.
+"""What a plan measures and determines, plans side by side; what an order can show.
 
 The list of an order is Table 1 of Kniel et al. (2019) for any n.
 """
@@ -24,10 +24,8 @@ from rosette_ros.core import axes
 from rosette_ros.core.effects.library import effect
 from rosette_ros.core.errors import InvalidData, InvalidPlan
 from rosette_ros.core.planning.advice import Advice
-from rosette_ros.core.planning.budget import MOST_BALLS as MOST_JUDGED
-from rosette_ros.core.planning.budget import propose
+from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
-from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
@@ -36,8 +34,7 @@ from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation import plan_results as results
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import exact, millimetres
-from rosette_ros.presentation.json_output import advice_json, by_curve
-from rosette_ros.presentation.table_format import Table, column
+from rosette_ros.presentation.json_output import advice_json
 from rosette_ros.words.advice_words import advice_words
 
 MOST_BALLS = 1000
@@ -46,11 +43,6 @@ WIDEST_MAP = 20
 MOST_PLANS = 12
 USUAL_RADIUS_MM = 182.5
 """Radius of the plate of the paper, where a question is answered without a plate."""
-OF_ONE_PLAN = {'output': '--output', 'figures': '--figures', 'cmm_positions': '--cmm-positions or --share',
-               'balls_in_use': '--balls-of', 'touches': '--touches', 'seed': '--seed', 'plate': '--plate',
-               'table_offset_deg': '--table-offset-deg', 'csv': '--csv', 'csv_template': '--csv-template',
-               'axis': '--axis'}
-"""What does not go with --hours: settings of one plan, by their names in the options."""
 
 
 def plan_arguments(parser: ArgumentParser) -> None:
@@ -65,9 +57,6 @@ def plan_arguments(parser: ArgumentParser) -> None:
                         'usually does)')
     parser.add_argument('--sigma-um', metavar='S', type=positive('µm'), default=0.1, help='standard deviation of a '
                         'coordinate from 20 touches, for the expected uncertainties (default 0.1)')
-    parser.add_argument('--hours', type=positive('h'), help='propose plans that take no longer, instead of --order')
-    parser.add_argument('--drift-um', metavar='D', type=positive('µm'), default=0.0, help='with --hours: standard '
-                        'deviation of a random walk of the frame after an hour (default: none)')
     parser.add_argument('--touch-s', metavar='S', type=positive('s'), help='time of a touch, the way to '
                         f'the ball included (default {Pace.touch:g})')
     parser.add_argument('--table-move-s', metavar='S', type=positive('s'), help='time of a move of the table (default: '
@@ -85,7 +74,7 @@ def plan_arguments(parser: ArgumentParser) -> None:
 
 def add_plan(parser: ArgumentParser, most_balls: int, radius_mm: float | None = None) -> None:
     """Add what plans a run: --balls, --order, --radius-mm, --turning, --seed."""
-    default = f' (default with --hours {USUAL_RADIUS_MM:g})' if radius_mm is None else f' (default {radius_mm:g})'
+    default = '' if radius_mm is None else f' (default {radius_mm:g})'
     parser.add_argument('--balls', metavar='N', type=whole(None, most_balls),
                         help='balls on the plate = table positions')
     parser.add_argument('--order', help=f'one of {", ".join(ORDERS)}')
@@ -97,14 +86,11 @@ def add_plan(parser: ArgumentParser, most_balls: int, radius_mm: float | None = 
 
 
 def run_plan(options: Namespace) -> None:
-    """Print the plan, several plans, or the plans for a given time."""
-    given = [options.hours is not None, options.order is not None, bool(options.plans)]
-    if sum(given) != 1:
-        raise UsageError('plan: wanted either --order or --hours, or plan files and orders to compare')
+    """Print the plan, or several plans."""
+    if (options.order is not None) == bool(options.plans):
+        raise UsageError('plan: wanted either --order, or plan files and orders to compare')
     if options.format and not options.figures:
         raise UsageError('plan: --format goes with --figures only; leave it out')
-    if options.hours is not None:
-        return show_proposals(options)
     if options.plate:
         put_on_plate(options)
     words = options.plans or [options.order]
@@ -123,8 +109,8 @@ def run_plan(options: Namespace) -> None:
         lines = (','.join(row) for row in results.rows(scheme, radius_mm))
         sys.stdout.write(results.template(scheme, radius_mm) if options.csv_template else
                          '\n'.join([results.HEADER, *lines]) + '\n')
-        return None
-    pace = pace_of(options)
+        return
+    pace = Pace(options.touch_s or Pace.touch, options.table_move_s)
     try:
         rotation = axes.axis_rotation(options.axis) if options.axis else None
     except InvalidData as error:
@@ -142,12 +128,6 @@ def run_plan(options: Namespace) -> None:
         show_plan(plans[0], options.output)
     else:
         show_comparison(plans)
-    return None
-
-
-def pace_of(options: Namespace) -> Pace:
-    """Return the pace of the cell, the same for a plan and for plans of a given time."""
-    return Pace(options.touch_s or Pace.touch, options.table_move_s)
 
 
 def put_on_plate(options: Namespace) -> None:
@@ -183,45 +163,6 @@ def chosen(words: Sequence[str], options: Namespace) -> list[MeasuringPlan]:
             touches = np.full(scheme.ball.size, options.touches or 0)
             every.append(MeasuringPlan(replace(scheme, touches=touches), radius))
     return every
-
-
-def show_proposals(options: Namespace) -> None:
-    """Print the plans that a given time allows, best first."""
-    if given := [words for name, words in OF_ONE_PLAN.items() if getattr(options, name)]:
-        raise UsageError(f'--hours proposes plans: wanted no {given[0]}; choose a plan with --order, then {given[0]}')
-    if options.turning != 'forward':
-        raise UsageError('--hours proposes plans: wanted no --turning; they turn forward, or there and back')
-    if options.balls is None:
-        raise UsageError('plan: wanted --balls with --hours')
-    radius_mm = options.radius_mm or USUAL_RADIUS_MM
-    sigma, drift, radius = 1e-6 * options.sigma_um, 1e-6 * options.drift_um, 1e-3 * radius_mm
-    found = propose(options.balls, radius, options.hours, sigma, drift, pace_of(options))
-    if options.json:
-        print_json({'schema': 'rosette-proposals/1', 'n': options.balls, 'radius_m': radius,
-                    'hours': options.hours, 'sigma_m': sigma, 'drift_m_per_sqrt_h': drift, 'plans': [
-                        {'order': one.scheme.order, 'touches': one.touches, 'readings': one.scheme.ball.size,
-                         'cmm_positions': np.unique(one.scheme.cmm_position).tolist(), 'duration_s': one.duration,
-                         'relative_error': one.error, 'u': by_curve(one.u.tolist())} for one in found]})
-        return None
-    out, best = console(), found[0]
-    beside = f' and a frame that wanders by {options.drift_um:g} µm in an hour' if drift else ''
-    out.print(f'{options.balls} balls on R = {exact(radius_mm, 6)} mm in {options.hours:g} h, σ = {options.sigma_um:g} '
-              f'µm from 20 touches{beside}')
-    print_parts(out, [Table('proposals', 'Plans that fit, best first', (
-        column('order', 'order', [one.scheme.order for one in found], str),
-        column('positions', 'CMM positions', [np.unique(one.scheme.cmm_position).size for one in found], str),
-        column('readings', 'readings', [one.scheme.ball.size for one in found], str),
-        column('touches', 'touches', [one.touches for one in found], str),
-        column('hours', 'time', [one.duration / 3600 for one in found], lambda hours: f'{hours:.2f}', 'h'),
-        column('error', 'error', [one.error for one in found], lambda error: f'{error:.2f}'),
-        *(column(f'U_{curve}', f'U {curve}', [2e6 * one.u[k] for one in found], lambda value: f'{value:.2g}',
-                 'µm' if k < 3 else 'µrad') for k, curve in enumerate(CURVES))))])
-    places = '' if np.unique(best.scheme.cmm_position).size == options.balls else ' --cmm-positions ' + ','.join(
-        map(str, np.unique(best.scheme.cmm_position)))
-    out.print('\nerror: of the curves, relative to the uncertainty of a complete run of 20 touches without drift; U: '
-              f'expanded, k = 2\nMeasure with: {program()} calibrate --balls {options.balls} --radius-mm '
-              f'{exact(radius_mm, 6)} --order {best.scheme.order}{places} --touches {best.touches}', soft_wrap=True)
-    return None
 
 
 def draw(plans: Sequence[Outlook], options: Namespace) -> None:

@@ -20,10 +20,7 @@ GAUGED = {'ctx': 2, 'cty': 2, 'crx': 2, 'cry': 2}
 UNLIKELY = 0.05 / len(CURVES)
 """A curve whose noise alone is larger with less probability is no noise; six curves are looked at."""
 SURE = 4.0
-"""Standard deviations beyond which a sign or a shift is told."""
-SHIFTS = 720
-STEP = 1e-4
-"""Of the numerical derivative by the shift, rad."""
+"""Standard deviations beyond which a sign is told."""
 
 
 class Effectiveness(StrEnum):
@@ -33,7 +30,6 @@ class Effectiveness(StrEnum):
     REMAINS = 'a part remains'
     NOT_APPLIED = 'was not taken off'
     WRONG_SIGN = 'was added instead of taken off'
-    MISPLACED = 'was taken off at other angles'
     UNDECIDED = 'U is too large to tell'
     NOISE = 'noise before and after'
     SAME = 'not corrected, unchanged'
@@ -73,35 +69,14 @@ class CorrectedError:
 
 
 @dataclass(frozen=True)
-class Misplacement:
-    """A correction that takes off, at each angle, what belongs to sense * (angle - shift).
-
-    sense: 1, or -1 where the angle of the controller runs the other way; shift, u: rad, u standard.
-    """
-
-    shift: float
-    u: float
-    sense: int = 1
-
-    @property
-    def words(self) -> str:
-        """What it is."""
-        by = f'{np.rad2deg(self.shift):+.2f} ± {np.rad2deg(COVERAGE_FACTOR * self.u):.2f} deg'.replace('-', '−')
-        if self.sense == 1:
-            return f'{by} beside its place'
-        return f'with the angle in the other sense, its zero moved by {by}'
-
-
-@dataclass(frozen=True)
 class CorrectionCheck:
     """Whether a correction did what it promised.
 
-    misplaced: where it acted instead, None where that explains nothing; p_of_table: chance that the correction
-    describes the table as it was before; contradictions: of what runs and correction state, in words.
+    p_of_table: chance that the correction describes the table as it was before; contradictions: of what runs and
+    correction state, in words.
     """
 
     errors: tuple[CorrectedError, ...]
-    misplaced: Misplacement | None
     p_of_table: float
     contradictions: tuple[str, ...] = ()
 
@@ -114,6 +89,12 @@ class CorrectionCheck:
         return Level.DOUBTFUL if Level.DOUBTFUL in every else Level.GOOD
 
     @property
+    def _is_turned(self) -> bool:
+        """Whether a wrong sign explains it: at other angles some waves are added too, but parts of others remain."""
+        results = {one.result for one in self.errors}
+        return Effectiveness.WRONG_SIGN in results and Effectiveness.REMAINS not in results
+
+    @property
     def sentence(self) -> str:
         """What became of the errors."""
         lacking = [f'{one.curve} ({one.result})' for one in self.errors if one.level is Level.BAD]
@@ -124,11 +105,8 @@ class CorrectionCheck:
         if self.p_of_table < UNLIKELY:
             return ('The correction does not describe the table as it was before: it was made of another table, or of '
                     'another state of it.')
-        if any(one.result is Effectiveness.WRONG_SIGN for one in self.errors):
+        if self._is_turned:
             return f'The correction was applied with the wrong sign: {", ".join(lacking)}.'
-        if self.misplaced:
-            return (f'The correction was applied {self.misplaced.words} (k = {COVERAGE_FACTOR}): there it explains '
-                    'what remains.')
         if lacking:
             return f'The correction did not do what it promised: {", ".join(lacking)}.'
         if hidden:
@@ -144,11 +122,8 @@ class CorrectionCheck:
         """What to do."""
         if self.contradictions or self.p_of_table < UNLIKELY:
             return 'Make the correction of the last run of this table: rosette correct RUN.'
-        if any(one.result is Effectiveness.WRONG_SIGN for one in self.errors):
+        if self._is_turned:
             return 'The errors of the file are to be taken off, not added: turn the sign where the table is loaded.'
-        if self.misplaced:
-            return ('Check the zero of the angle: that of the controller has to be that of the run (table position 1), '
-                    'in the same sense.')
         if self.level is Level.DOUBTFUL:
             return ('Evaluate both runs under a model that fits them, which makes U smaller (rosette diagnose, --model '
                     'FILE), or measure with less noise.')
@@ -156,7 +131,8 @@ class CorrectionCheck:
             return 'Calibrate again when the table, its bearing or its load has changed.'
         if all(one.unchanged for one in self.errors):
             return 'Check that the correction is loaded and switched on, then measure the run after it again.'
-        return 'Compare the model with the run after the correction: rosette diagnose AFTER.'
+        return ('Check that the controller has the whole correction, and zero and sense of the angle as the run; then '
+                'compare the model with the run after it: rosette diagnose AFTER.')
 
 
 def backward_share(run: Run) -> Floats:
@@ -195,22 +171,16 @@ def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Corr
                   for place, curve in enumerate(CURVES))
     differs = [_p(before.values[:, place] - taken[:, place], before.u[:, place]**2 + own[place], curve)
                for place, curve in enumerate(CURVES) if curve in correction.corrected]
-    misplaced = _misplacement(before, after, correction, variance, found, backward[1])
-    if misplaced:
-        found = tuple(replace(one, result=Effectiveness.MISPLACED) if one.level is Level.BAD and
-                      one.curve in correction.corrected else one for one in found)
-    return CorrectionCheck(found, misplaced, 1.0 if same_run < 1e-12 else min(differs, default=1.0),
-                           tuple(contradictions))
+    return CorrectionCheck(found, 1.0 if same_run < 1e-12 else min(differs, default=1.0), tuple(contradictions))
 
 
-def _in_senses(correction: Correction, angle: Floats, backward: Floats | float, sense: int = 1) -> Floats:
+def _in_senses(correction: Correction, angle: Floats, backward: Floats | float) -> Floats:
     """Return the errors of a correction as a run finds them that comes to angles in both senses, (m, 6).
 
-    backward: share of the readings that came in the negative sense of the table, 0 or 1 in one sense; sense: -1 where
-    the angle of the controller runs the other way.
+    backward: share of the readings that came in the negative sense of the table, 0 or 1 in one sense.
     """
     share = np.broadcast_to(backward, angle.shape)[:, None]
-    return (1 - share) * correction.errors(angle, sense) + share * correction.errors(angle, -sense)
+    return (1 - share) * correction.errors(angle) + share * correction.errors(angle, -1)
 
 
 def _corrected(place: int, before: Floats, after: Floats, taken: Floats, variance: Floats, own: float,
@@ -228,7 +198,7 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
         result = Effectiveness.NOISE if p >= UNLIKELY else Effectiveness.REMAINS
     elif p >= UNLIKELY:
         result = Effectiveness.UNDECIDED if unchanged else Effectiveness.VANISHED
-    elif gain < -SURE * u_gain:
+    elif gain < -SURE * u_gain and abs(gain + 1) < SURE * u_gain:
         result = Effectiveness.WRONG_SIGN
     else:
         result = Effectiveness.NOT_APPLIED if abs(gain) < SURE * u_gain else Effectiveness.REMAINS
@@ -240,37 +210,3 @@ def _p(difference: Floats, variance: Floats, curve: str) -> float:
     """Return the chance that noise alone makes a curve as large as `difference`, (n,)."""
     dof = difference.size - GAUGED.get(curve, 1)
     return float(special.chdtrc(dof, np.sum(difference**2 / variance) * dof / difference.size))
-
-
-def _misplacement(before: ErrorMotions, after: ErrorMotions, correction: Correction, variance: Floats,
-                  found: Sequence[CorrectedError], backward: Floats | float) -> Misplacement | None:
-    """Return where the correction acted instead of its place, None where that explains nothing.
-
-    What was taken off in its place, with the wrong sign or not at all is the simpler explanation where it is as good.
-    """
-    used = [place for place, one in enumerate(found) if one.curve in correction.corrected and one.level is Level.BAD]
-    if not used:
-        return None
-    angle = before.angle
-
-    def taken(shift: float, sense: int = 1) -> Floats:
-        return _in_senses(correction, sense * (angle - shift), backward, sense)
-
-    def misfit(off: Floats) -> float:
-        return float(np.sum(remove_gauge(after.values - before.values + off, angle)[:, used]**2 / variance[:, used]))
-
-    def best_of(shifts: Floats, sense: int) -> float:
-        return float(min(shifts, key=lambda shift: misfit(taken(shift, sense))))
-
-    placed = taken(0.0)
-    simple = min(misfit(factor * placed) for factor in (1, 0, -1))
-    shifts = (np.arange(SHIFTS) - SHIFTS // 2) * TWO_PI / SHIFTS
-    best, least = Misplacement(0.0, 0.0), float('inf')
-    for sense in (1, -1):
-        shift = best_of(best_of(shifts, sense) + np.linspace(-1, 1, 41) * TWO_PI / SHIFTS, sense)
-        if misfit(taken(shift, sense)) < least:
-            least = misfit(taken(shift, sense))
-            slope = remove_gauge(taken(shift + STEP, sense) - taken(shift - STEP, sense), angle)[:, used] / (2 * STEP)
-            best = Misplacement(shift, float(np.sum(slope**2 / variance[:, used])**-0.5), sense)
-    explains = least < min(2 * len(used) * angle.size, 0.5 * simple) and simple - least > SURE**2
-    return best if explains else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How what was measured changes from run to run: change points, control charts, when a tolerance is reached.
+"""How what was measured changes from run to run: change points, when a tolerance is reached.
 
 A quantity y (m runs, c components) is modelled as
 
@@ -12,8 +12,7 @@ freedom and those of kappa where there is none. The probability counts all place
 one look, FALSE_EVENTS of the histories show a false change, however many curves, balls and runs there are.
 
 Sources: Huber, Robust Statistics (1981), proposal 2, for kappa; Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004), for its
-moderation; Siegmund, Sequential Analysis (1985), for the average run length of a CUSUM; ISO 7870-4 and -6 for the
-charts; ILAC-G24 / OIML D 10, method 2 (control chart), for intervals.
+moderation; ILAC-G24 / OIML D 10, method 2 (control chart), for intervals.
 """
 
 from collections.abc import Sequence
@@ -39,10 +38,6 @@ LEAST_RUNS = 8
 LEAST_LINE = 3
 """Fewer runs since the last change of a curve give no line that says how far it may be wrong."""
 MOST_EVENTS = 30
-ALLOWANCE = 1.0
-"""Allowance of the CUSUM, in standard deviations: it finds steps of twice that soonest."""
-SMOOTHING = 0.2
-"""Weight of the newest run in the EWMA."""
 CUT = 2.0
 """Differences of runs count up to so many standard deviations: up to a fifth of them may be changes."""
 EFFICIENCY = 0.6
@@ -102,22 +97,6 @@ class Event:
         for step in self.steps:
             total[step.series.owner] = total.get(step.series.owner, 0.0) + step.strength ** 2
         return tuple(sorted(total, key=lambda owner: (owner in CONSEQUENT, -total[owner])))
-
-
-@dataclass(frozen=True, eq=False)
-class Chart:
-    """EWMA and CUSUM of one component.
-
-    z: deviations from the mean of the runs before in standard deviations; ewma: with its limits ± ewma_limit; high,
-    low: the CUSUM of both senses, limit cusum_limit; alarms: runs at which a chart leaves its limits."""
-
-    z: Floats
-    ewma: Floats
-    ewma_limit: Floats
-    high: Floats
-    low: Floats
-    cusum_limit: float
-    alarms: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -305,56 +284,6 @@ def run_to_run(values: Floats, u: Floats) -> Floats:
     for _ in range(ITERATIONS):
         found = np.maximum(found * np.mean(np.minimum(square / found, CUT**2), axis=0) / expected, NO_SCATTER)
     return np.asarray(np.sqrt(found))
-
-
-def control_charts(series: Sequence[TimeSeries], tests: int) -> list[tuple[TimeSeries, int, Chart]]:
-    """Return quantity, component and chart of each component that at least LEAST_RUNS runs have, by its runs; scatter
-    and its degrees of freedom are those by which find_events judges. tests: as of control_chart."""
-    fits = _fits(np.arange(len(series[0].values), dtype=float), series, None) if series else []
-    return [(fit.series, part, control_chart(fit.y[:, part], fit.series.u[fit.runs, part], tests,
-                                             float(fit.scatter[part]), dof=fit.dof))
-            for fit in fits for part in range(fit.y.shape[1])]
-
-
-def control_chart(values: Floats, u: Floats, tests: int, scatter: float = 1.0, false_events: float = FALSE_EVENTS,
-                  dof: float = np.inf) -> Chart:
-    """Return the charts of one component, (m,) values with standard uncertainties, self-starting.
-
-    z_i = (y_i - mean of the runs before) / (scatter sqrt(u_i^2 + u_mean^2)): independent, whatever the mean is. tests:
-    number of components and runs that are watched together; the limits hold for all of them. dof: degrees of freedom of
-    the scatter, by which it is widened: Student's quantile over the normal one. Raises InvalidData where there are
-    fewer than LEAST_RUNS runs. Source: Hawkins, self-starting CUSUM charts (1987)."""
-    if len(values) < LEAST_RUNS:
-        raise InvalidData(f'control chart: wanted at least {LEAST_RUNS} runs, got {len(values)}')
-    rate = false_events / tests
-    normal = float(special.ndtri(rate / 2))
-    if np.isfinite(dof):
-        scatter = scatter * float(special.stdtrit(dof, rate / 2)) / normal
-    weight = np.cumsum(1.0 / u**2)[:-1]
-    mean = np.cumsum(values / u**2)[:-1] / weight
-    z = np.concatenate([[0.0], (values[1:] - mean) / (scatter * np.hypot(u[1:], 1.0 / np.sqrt(weight)))])
-    ewma, high, low = np.zeros(len(z)), np.zeros(len(z)), np.zeros(len(z))
-    smooth = up = down = 0.0
-    for place, one in enumerate(z):
-        smooth = SMOOTHING * one + (1 - SMOOTHING) * smooth
-        up, down = max(0.0, up + one - ALLOWANCE), max(0.0, down - one - ALLOWANCE)
-        ewma[place], high[place], low[place] = smooth, up, down
-    growth = 1 - (1 - SMOOTHING) ** (2 * np.arange(1, len(z) + 1))
-    limit = -normal * np.sqrt(SMOOTHING / (2 - SMOOTHING) * growth)
-    cusum = _cusum_limit(1.0 / rate)
-    alarms = np.flatnonzero((np.abs(ewma) > limit) | (np.maximum(high, low) > cusum))
-    return Chart(z, ewma, limit, high, low, cusum, tuple(alarms.tolist()))
-
-
-def _cusum_limit(run_length: float) -> float:
-    """Return the limit h at which a CUSUM of allowance k has an average run length L without a change.
-
-    L = (exp(2 k b) - 2 k b - 1) / (2 k^2) with b = h + 1.166, one-sided; half of it for both senses (Siegmund)."""
-    def excess(limit: float) -> float:
-        exponent = 2 * ALLOWANCE * (limit + 1.166)
-        return float(np.log((np.expm1(exponent) - exponent) / (4 * ALLOWANCE**2) / run_length))
-
-    return float(optimize.brentq(excess, 0.1, 100.0))
 
 
 def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:

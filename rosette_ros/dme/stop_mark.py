@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rosette_ros.core.errors import RosetteError, one_line, plain
 from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped
-from rosette_ros.io.text_file import remove_file, replace_file
+from rosette_ros.io.text_file import regular, remove_file, replace_file
 
 SUFFIX = '.stopped'
 
@@ -24,7 +24,8 @@ class StopMark:
     def read(self) -> str:
         """Return what it says, '' where there is none."""
         try:
-            return plain(self.path.read_text(encoding='utf-8', errors='replace'), 500) or 'stopped'
+            with open(self.path, encoding='utf-8', errors='replace', opener=regular) as stream:
+                return plain(stream.read(), 500) or 'stopped'
         except FileNotFoundError:
             return ''
         except OSError as error:

@@ -17,7 +17,7 @@ import yaml
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.safe_yaml import BAD_VALUE, PlainDumper, load_plain
-from rosette_ros.io.text_file import read_limited, reading, replace_file
+from rosette_ros.io.text_file import is_regular, read_limited, reading, replace_file
 
 VERSION = 9
 FILE_NAME = 'metadata.yaml'
@@ -196,7 +196,7 @@ def find_files(path: str | Path) -> BagListing:
                               f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
         if packed := packed_in(path):
             raise packed_error(packed)
-        if (path / FILE_NAME).is_file():
+        if is_regular(path / FILE_NAME):
             return read_bag_metadata(path / FILE_NAME)
         found = files_in(path)
         numbers = [_numbered(one.name)[1] for one in found]
@@ -216,7 +216,7 @@ def _is_run(path: Path) -> bool:
     try:
         if is_hidden(path.name):
             return False
-        return holds_log(path) if path.is_dir() else path.is_file() and path.suffix in ('.mcap', '.csv')
+        return holds_log(path) if path.is_dir() else path.suffix in ('.mcap', '.csv') and is_regular(path)
     except OSError:  # a folder of somebody else
         return False
 
@@ -255,7 +255,7 @@ def packed_in(directory: Path) -> list[Path]:
 
 
 def _shown(directory: Path, pattern: str) -> list[Path]:
-    return [path for path in directory.glob(pattern) if not is_hidden(path.name) and path.is_file()]
+    return [path for path in directory.glob(pattern) if not is_hidden(path.name) and is_regular(path)]
 
 
 def packed_error(paths: Sequence[Path]) -> InvalidData:
@@ -275,13 +275,13 @@ def read_bag_metadata(path: Path) -> BagListing:
     data = read_limited(path, 'a log description', MAX_BYTES)
     try:
         bag = load_plain(data.decode())[TOP_KEY]
-        storage, names = bag['storage_identifier'], bag['relative_file_paths']
+        storage, names = bag.get('storage_identifier') or 'mcap', bag['relative_file_paths']  # else what the files are
         custom_data = _custom_data(bag)
         messages = {path.parent / entry['path'].removesuffix('.zstd'): int(entry['message_count'])
                     for entry in bag.get('files') or ()}
     except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
-            f'{path}: wanted a rosbag2 description with {TOP_KEY}, storage_identifier and relative_file_paths, got '
+            f'{path}: wanted a rosbag2 description with {TOP_KEY} and relative_file_paths, got '
             f'{type(error).__name__}; give the .mcap file itself, or delete metadata.yaml') from error
     if storage != 'mcap':
         raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; convert the log with '

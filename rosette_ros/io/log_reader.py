@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from io import SEEK_END, BufferedReader, StringIO
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -33,7 +34,7 @@ from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io import log_run
 from rosette_ros.io.log_run import RECORDS, TF_MESSAGE, LogRun
 from rosette_ros.io.safe_yaml import BAD_VALUE
-from rosette_ros.io.text_file import reading
+from rosette_ros.io.text_file import reading, regular
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD = 1 << 25  # larger records and chunks are not read, bytes
@@ -157,8 +158,8 @@ class LogFile:
     def messages(self, wanted: Callable[[LogChannel], bool] = lambda channel: True) -> Iterator[LoggedMessage]:
         """Yield the messages of the wanted channels; all are counted.
 
-        Raises InvalidData where it is no MCAP file of profile ros2."""
-        with reading(self.path, 'a log'), open(self.path, 'rb', buffering=0) as raw:
+        Raises InvalidData where it is no MCAP file, or states another profile than ros2."""
+        with reading(self.path, 'a log'), open(self.path, 'rb', 0, opener=regular) as raw:
             stream = _Bounded(raw, 1 << 20)
             for record in self._records(stream):
                 for one in self._in_chunk(record, stream) if isinstance(record, Chunk) else (record,):
@@ -237,7 +238,7 @@ class LogFile:
 
     def _describe(self, record: McapRecord) -> None:
         """Take a record that is neither message nor chunk."""
-        if isinstance(record, Header) and record.profile != 'ros2':
+        if isinstance(record, Header) and record.profile not in ('ros2', ''):
             raise InvalidData(f'{self.path}: profile: wanted ros2, got {record.profile!r:.80}; record with ROS 2, or '
                               'convert the log')
         if isinstance(record, Schema):
@@ -316,6 +317,22 @@ def _uncompressed(data: bytes, compression: str, size: int) -> bytes:
     return data
 
 
+def find_files(path: str | Path) -> bag.BagListing:
+    """Return the BagListing of a log; raises as bag_metadata.find_files. Files whose names do not make them one log
+    are one where they are of one run and follow each other."""
+    logs, runs = list[LogRun](), set[str]()
+    with reading(path, 'a log'), contextlib.suppress(InvalidData):
+        for file in bag.files_in(Path(path)) if Path(path).is_dir() and not bag.holds_log(Path(path)) else ():
+            logs.append(read_log(file))
+            runs |= {*logs[-1].runs, *(state.run_id for state in logs[-1].states)}
+            if len(runs) != 1:
+                break
+        logs.sort(key=lambda log: log.start_ns)
+        if len(runs) == 1 and all(before.end_ns <= after.start_ns for before, after in pairwise(logs)):
+            return bag.BagListing(tuple(log.path for log in logs))
+    return bag.find_files(path)
+
+
 def open_files(listing: bag.BagListing, within: float = math.inf) -> list[LogFile]:
     """Return a LogFile of each file of a log.
 
@@ -327,7 +344,7 @@ def open_files(listing: bag.BagListing, within: float = math.inf) -> list[LogFil
 
 def iter_log(path: str | Path) -> Iterator[LoggedMessage]:
     """Yield every message of a log, in the order of recording."""
-    for file in open_files(bag.find_files(path)):
+    for file in open_files(find_files(path)):
         yield from file.messages()
 
 
@@ -335,7 +352,7 @@ def read_log(path: str | Path) -> LogRun:
     """Return what a log directory or an .mcap file holds; a log cut short gives what is whole.
 
     Raises InvalidData where there is no log, it is empty, of another profile, or its ball centres cannot be decoded."""
-    listing = bag.find_files(path)
+    listing = find_files(path)
     files, log = open_files(listing, READ_WITHIN), LogRun(Path(path), listing.files)
     problems, checked = list(listing.problems), set[tuple[str, str]]()
     for file in files:
@@ -365,8 +382,7 @@ def read_log(path: str | Path) -> LogRun:
     log.start_ns, log.end_ns = bag.span(file.summary for file in files)
     log.truncated = any(file.truncated for file in files)
     log.problems = (*problems, *(problem for file in files for problem in file.problems))
-    found = (listing.custom_data, *(file.custom_data for file in reversed(files)))
-    log.custom_data = next(filter(None, found), {})
+    log.custom_data = next(filter(None, (listing.custom_data, *(file.custom_data for file in reversed(files)))), {})
     return log
 
 

@@ -210,7 +210,7 @@ class LogRun:
 
         None where its centres were given in the table frame."""
         run = self.runs[run_id]
-        return None if run.answers and run.is_in_table_frame else run.frame(str(self.path))
+        return None if run.is_in_table_frame else run.frame(str(self.path))
 
     def to_run(self, run_id: str | None = None) -> Run:
         """Return the Run of the log; run_id chooses where there are several.

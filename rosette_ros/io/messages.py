@@ -14,8 +14,7 @@ from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import TWO_PI, Floats, Frame, rotate_z, wrap
 from rosette_ros.core.scheme import nominal_places
 
-MACHINE_FRAME = 'machine'
-TABLE_FRAME = 'table'
+FRAMES = MACHINE_FRAME, TABLE_FRAME = 'machine', 'table'
 STATUS_OK, STATUS_REFUSED = 0, 2
 TOUCH_ARRAYS = ('x', 'y', 'z', 'i', 'j', 'k', 'time')  # of Touches.msg: point, direction, time of each touch
 UNIT_TOLERANCE = 1e-6  # a quaternion whose norm differs from 1 by more is none

@@ -2,9 +2,12 @@
 """RUN as the command line knows it: a log directory, an .mcap file or a CSV table, which may have a plate file."""
 
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.readings import Readings
@@ -14,14 +17,20 @@ from rosette_ros.io.ball_centre_table import read_csv, read_with_plate
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.log_reader import MAGIC, read_log
 from rosette_ros.io.log_run import LogRun
+from rosette_ros.io.reading_checks import is_in_seconds
 from rosette_ros.io.text_file import reading
 
 WANTED = 'a log directory, an .mcap file or a CSV table'
 _PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
 _HEAD = 1 << 16
 _OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
+           b'#ROSBAG V': 'is a bag of ROS 1; wanted MCAP: convert it with `rosbags-convert --src BAG --dst FOLDER '
+                         '--dst-storage mcap` (pip install rosbags)',
            b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it'}
 _PACKED = b'\x28\xb5\x2f\xfd'  # zstd
+_UNPACK = ((b'\x1f\x8b', 0, 'gzip -dk'), (b'\xfd7zXZ\0', 0, 'xz -dk'), (b'BZh', 0, 'bzip2 -dk'),
+           (b'ustar', 257, 'tar -xf'))
+"""What stands in a packed file, at which byte, and what unpacks it."""
 
 
 def is_log(path: str | Path) -> bool:
@@ -35,11 +44,14 @@ def is_log(path: str | Path) -> bool:
         if path.exists() and not path.is_file():
             raise InvalidData(f'{path}: wanted {WANTED}, got a device or a pipe; write it to a file first')
         with open(path, 'rb') as stream:
-            begin = stream.read(16)
+            begin = stream.read(512)
     if not begin:
         raise InvalidData(f'{path}: is empty; wanted {WANTED}')
     if begin.startswith(_PACKED):
         raise bag.packed_error([path])
+    for magic, at, command in _UNPACK:
+        if begin.startswith(magic, at):
+            raise InvalidData(f'{path}: is a packed file; unpack it: {command} {shlex.quote(str(path))}')
     for magic, words in _OTHERS.items():
         if begin.startswith(magic):
             raise InvalidData(f'{path}: {words}')
@@ -110,4 +122,5 @@ def _open(path: str | Path, run_id: str | None) -> tuple[Run, LogRun | None]:
     run = read_csv(path)
     if run_id not in (None, run.run_id):
         raise InvalidData(f'{path}: wanted run {run_id!r}, got {run.run_id!r}')
-    return run, None
+    # times in an unknown unit are none; a copy of the table keeps them
+    return run if is_in_seconds(run.time) else run.replace(time=np.zeros(run.size)), None

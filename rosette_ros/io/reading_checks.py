@@ -17,7 +17,7 @@ Pairs = Sequence[tuple[Target, Answer]]
 """Targets, and of each the answer that counts, in the order of asking."""
 ECHO = 1e-12  # an answer that is no farther from the expected place is that place, m
 SAME_TURN = 0.1  # a travel that differs by less from what was asked, rad, is that of the asked move
-PACES, TEMPERATURES, REPEATABILITIES = (1.0, 3600.0), (-10.0, 60.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
+PACES, TEMPERATURES, REPEATABILITIES = (1.0, 3600.0), (5.0, 45.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
 RADII = (0.02, 5.0)
 """Circles of ball centres that can be, m."""
 USUAL_PACE = 30.0  # s a ball
@@ -74,27 +74,34 @@ def remarks_on_table(run: Run, step: float, is_timed: bool) -> tuple[str, ...]:
     step: to which its coordinates are rounded, m; is_timed: whether it has times."""
     same = f'the time is the same in all {run.size} readings: effects in time cannot be found'
     found = (same if run.size > 1 and not np.ptp(run.time) else '', resolution_words(step, run.repeatability))
-    return (*filter(None, found), *_remarks_on_units(run, is_timed), *remarks_on_radius(run))
+    return (*filter(None, found), *_remarks_on_units(run, is_timed), *remarks_on_run(run))
+
+
+def is_in_seconds(time: Floats) -> bool:
+    """Return whether readings follow each other as those of a CMM do, or all at one time."""
+    step = _pace(time)
+    return not step or PACES[0] <= step <= PACES[1]
+
+
+def _pace(time: Floats) -> float:
+    """Return the time from one reading to the next, median, s."""
+    return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
 def _remarks_on_units(run: Run, is_timed: bool) -> tuple[str, ...]:
     """Return which quantities of a table cannot be in the unit of their column, in words."""
     found = []
-    step = float(np.median(np.diff(run.time))) if run.size > 1 and is_timed else 0.0
-    if step and not PACES[0] <= step <= PACES[1]:
+    if is_timed and not is_in_seconds(run.time):
+        step = _pace(run.time)
         unit = min(_TIMES, key=lambda unit: abs(np.log(step * _TIMES[unit] / USUAL_PACE)))
         found.append(f'ball centres are {significant(step, 2)} s apart, {"quicker" if step < 1 else "slower"} than a '
                      f'CMM measures; is time_s in {unit}, which would be {significant(step * _TIMES[unit], 2)} s? give '
-                     'seconds')
+                     'seconds; until then effects in time cannot be found')
     if not RADII[0] <= run.radius <= RADII[1]:
         likely = [f'{unit} (R = {1e3 * run.radius * factor:.6g} mm)' for unit, factor in _LENGTHS.items()
                   if 0.05 <= run.radius * factor <= 1]
         found.append(f'a circle of ball centres of R = {1e3 * run.radius:.6g} mm is none of a plate of balls; are '
                      f'radius and coordinates in {" or ".join(likely) or "another unit"}? give mm')
-    warm = run.temperature[np.isfinite(run.temperature)]
-    if warm.size and not (TEMPERATURES[0] <= warm.min() and warm.max() <= TEMPERATURES[1]):
-        found.append(f'the temperature is {warm.min():.1f} to {warm.max():.1f} °C; is temperature_C in °F or K? give '
-                     '°C')
     known, (least, most) = run.repeatability, REPEATABILITIES
     if known is not None and not least <= known <= most:
         found.append(f'the stated repeatability is {micrometres(known)}; is it in mm or m? give µm')
@@ -108,7 +115,26 @@ def note_on_offset(offset: float) -> tuple[str, ...]:
             'angle 0, and evaluated with such a run (--joint) are those of angle 0',) if offset else ()
 
 
-def remarks_on_radius(run: Run) -> tuple[str, ...]:
+def temperature_words(temperature: Floats) -> str:
+    """Return why temperatures, °C, NaN where not measured, are not those of a CMM's room, in words; '' where they are.
+
+    A thermometer that is missing, or a field that nobody sets, gives 0.
+    """
+    known = temperature[np.isfinite(temperature)]
+    if not known.size or (TEMPERATURES[0] <= known.min() and known.max() <= TEMPERATURES[1]):
+        return ''
+    if zeros := int(np.count_nonzero(known == 0)):
+        return (f'the temperature is 0 °C in {zeros} of {temperature.size} readings; was it measured? Leave it empty '
+                '(in messages NaN) where it was not')
+    return f'the temperature is {known.min():.2f} to {known.max():.2f} °C; is it in °F or K? give °C'
+
+
+def remarks_on_run(run: Run) -> tuple[str, ...]:
+    """Return what is wrong with the readings of a table or a log, in words: their temperature; another radius."""
+    return (*filter(None, [temperature_words(run.temperature)]), *_remarks_on_radius(run))
+
+
+def _remarks_on_radius(run: Run) -> tuple[str, ...]:
     """Return that the stated radius is not that of the circle of ball centres, in words; nothing where it is."""
     lies = float(np.mean(np.hypot(run.centre[:, 0], run.centre[:, 1])))
     if abs(lies / run.radius - 1) > RADIUS:

@@ -6,7 +6,7 @@ so the same messages give the same numbers, bit for bit."""
 
 import hashlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from rosette_ros.core.geometry import Frame, fitted_frame, rotate_z, turned_fram
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
 from rosette_ros.io import messages
-from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Answer, Phase, TableFrame, Target
-from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_radius
+from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, TABLE_FRAME, Answer, Phase, TableFrame, Target
+from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_run
 
 MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
 MAX_BALLS = 10_000  # more balls than this are taken for a mistake
@@ -41,13 +41,15 @@ class RunAnswers:
     """The targets and answers of one run, and the table frames; topics may arrive in any order relative to each other.
 
     A target that was sent again counts as it was sent last. Of several good answers to it the first counts that was
-    measured after it was asked for the last time; if none was, the first. frames: table frames by any run, shared."""
+    measured after it was asked for the last time; if none was, the first. One in another frame than most answers is
+    none. frames: table frames by any run, shared."""
 
     def __init__(self, run_id: str, frames: list[TableFrame] | None = None) -> None:
         self.run_id = run_id
         self.frames: list[TableFrame] = [] if frames is None else frames
         self.targets, self.answers = list[Target](), list[Answer]()
-        self._last, self._by_seq, self._answered = dict[int, Target](), dict[int, tuple[Answer, ...]](), set[int]()
+        self._last, self._by_seq = dict[int, Target](), dict[int, tuple[Answer, ...]]()
+        self._answers_in, self._answered_in = dict.fromkeys(FRAMES, 0), {name: set[int]() for name in FRAMES}
         self.dropped, self._early, self._earlier = 0, 0, tuple[TableFrame, ...]()
 
     def add_target(self, target: Target) -> None:
@@ -59,8 +61,8 @@ class RunAnswers:
         self._early -= 0 if before else len(self._by_seq.get(seq, ()))
         if before is None or _when_asked(target) >= _when_asked(before):
             self._last[seq] = target
-            self._answered.discard(seq)
-            self._answered.update(answer.seq for answer in self._usable(seq))
+            for name, answered in self._answered_in.items():
+                (answered.add if self._usable(seq, (name,)) else answered.discard)(seq)
 
     def add_answer(self, answer: Answer) -> None:
         """Take an answer of this run."""
@@ -71,8 +73,19 @@ class RunAnswers:
         self._early += target is None
         self.answers.append(answer)
         self._by_seq[answer.seq] = (*self._by_seq.get(answer.seq, ()), answer)
-        if target is not None and answer.is_usable_for(target):
-            self._answered.add(answer.seq)
+        if answer.frame in FRAMES and answer.status == messages.STATUS_OK:
+            self._answers_in[answer.frame] += 1
+            if target is not None and answer.is_usable_for(target):
+                self._answered_in[answer.frame].add(answer.seq)
+
+    @property
+    def in_frames(self) -> tuple[str, ...]:
+        """The frame in which answers count, that of most, the machine's of two alike; both before the first."""
+        return (max(FRAMES, key=self._answers_in.__getitem__),) if any(self._answers_in.values()) else FRAMES
+
+    @property
+    def _answered(self) -> set[int]:
+        return self._answered_in[self.in_frames[0]]
 
     def _is_too_many(self, answer: Answer, target: Target | None) -> bool:
         """Return whether so many answers are kept that a further one is only if it may come to count."""
@@ -116,9 +129,10 @@ class RunAnswers:
         """The last session of the run, 0 before the first target."""
         return max((target.session for target in self._last.values()), default=0)
 
-    def _usable(self, seq: int) -> list[Answer]:
-        target = self._last.get(seq)
-        return [answer for answer in self._by_seq.get(seq, ()) if target and answer.is_usable_for(target)]
+    def _usable(self, seq: int, frames: Collection[str] = ()) -> list[Answer]:
+        target, frames = self._last.get(seq), frames or self.in_frames
+        return [answer for answer in self._by_seq.get(seq, ())
+                if target and answer.frame in frames and answer.is_usable_for(target)]
 
     def answer_to(self, seq: int) -> Answer | None:
         """Return the answer that counts for a target, None where there is none."""
@@ -164,8 +178,9 @@ class RunAnswers:
 
     def unused(self) -> dict[str, int]:
         """Return how many answers do not count, by the reason in words."""
+        other_frame = f'in another frame than {" or ".join(self.in_frames)}'
         counts = dict.fromkeys(('failed', 'to no target', 'with another ball than asked', 'without finite numbers',
-                                'repeated'), 0)
+                                other_frame, 'repeated'), 0)
         for answer in self.answers:
             target = self._last.get(answer.seq)
             if answer.status != messages.STATUS_OK:
@@ -175,7 +190,8 @@ class RunAnswers:
             elif (answer.table_position, answer.ball) != (target.table_position, target.ball):
                 counts['with another ball than asked'] += 1
             else:
-                counts['repeated' if answer.is_finite else 'without finite numbers'] += 1
+                counts['without finite numbers' if not answer.is_finite else
+                       'repeated' if answer.frame in self.in_frames else other_frame] += 1
         counts['repeated'] -= self.answered
         return {**counts, **({'too many to be kept': self.dropped} if self.dropped else {})}
 
@@ -185,9 +201,8 @@ class RunAnswers:
             return (f'wanted {expected} targets with answers, got {len(self._last)} targets and answers to '
                     f'{self.answered} of them')
         begun = {(one.session, one.phase == Phase.RUN): one.stamp_ns for one in reversed(self.targets)}
-        if (any(one.status == messages.STATUS_OK and one.frame != TABLE_FRAME for one in self.answers)
-                and not any(begin <= one.stamp_ns <= begun.get((session, True), 2**63) for one in self.frames
-                            for (session, _), begin in begun.items())):
+        if not (self.is_in_table_frame or any(begin <= one.stamp_ns <= begun.get((session, True), 2**63)
+                                              for one in self.frames for (session, _), begin in begun.items())):
             return 'wanted the table frame on /tf_static, got none for this run'
         return ''
 
@@ -210,7 +225,7 @@ class RunAnswers:
     @property
     def is_in_table_frame(self) -> bool:
         """Whether the CMM has a table frame of its own, in which it answers."""
-        return all(answer.frame == TABLE_FRAME for answer in self.answers)
+        return self.in_frames == (TABLE_FRAME,)
 
     def rotation(self, source: str = 'run') -> Floats | None:
         """Return the rotation of the table frame in the machine frame, as found or taught, None if neither is known.
@@ -334,7 +349,7 @@ class RunAnswers:
             rotation=rotation, repeatability_axes=repeated, table_offset=offset,
             notes=note_on_offset(offset),
             repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
-        return run.replace(remarks=self.remarks + remarks_on_radius(run))
+        return run.replace(remarks=self.remarks + remarks_on_run(run))
 
     def _way(self, targets: Sequence[Target], rotation: Floats | None) -> dict[str, Any]:
         """Return the senses of the CMM at targets from all that it was sent to, answered or not.
@@ -392,19 +407,14 @@ class RunAnswers:
     def _in_table_frame(self, answers: Sequence[Answer], source: str) -> Floats:
         """Return the ball centres in the table frame, (N, 3)."""
         centre = np.array([answer.centre for answer in answers], dtype=float)
-        for answer in answers:
-            if answer.frame not in (MACHINE_FRAME, TABLE_FRAME):
-                raise InvalidData(f'{source}: ball centre with seq {answer.seq}: frame_id: wanted {MACHINE_FRAME} or '
-                                  f'{TABLE_FRAME}, got {answer.frame_id!r}; the CMM repeats the frame_id of the target')
-        in_table = np.array([answer.frame == TABLE_FRAME for answer in answers])
-        if in_table.all():
+        if self.is_in_table_frame:
             return centre
         frame = self.frame(source)
         if frame is None:
             raise InvalidData(f'{source}: wanted a transform from {MACHINE_FRAME} to {TABLE_FRAME} on /tf_static, got '
                               'none; without it the table axis is unknown')
         with np.errstate(over='ignore', invalid='ignore'):  # absurd numbers are refused by their place
-            return np.where(in_table[:, None], centre, frame.to_inner(centre))
+            return frame.to_inner(centre)
 
 
 def misplaced(n: int, radius: float, table_position: Ints, ball: Ints, centre: Floats) -> Ints:

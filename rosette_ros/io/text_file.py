@@ -3,17 +3,29 @@
 
 import contextlib
 import errno
+import logging
 import os
+import re
 import secrets
 import stat
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
+from urllib.parse import unquote
 
 from rosette_ros.core.errors import InvalidData, RosetteError
 
 EXISTS = 'exists already; take another name or use --force'
+NO_FILE = 'a device or a pipe'
 READ_IN_FOLDERS = ('*.mcap', 'metadata.yaml', 'rosette-archive.json', '*/*.parquet')
 """What is read of a log and of an archive."""
+_ADDRESS = re.compile(r'(file|local):(//(localhost)?(?=/)|(?=/(?!/)))')
+
+
+def path_of(text: str) -> str:
+    """Return the path on this computer that a text means: a file:/// address is decoded, `~/` is the user's home."""
+    found = _ADDRESS.match(text)
+    return unquote(text[found.end():]) if found else os.path.expanduser(text) if f'{text}/'.startswith('~/') else text
 
 
 @contextlib.contextmanager
@@ -26,12 +38,31 @@ def reading(path: str | Path, wanted: str, kind: type[RosetteError] = InvalidDat
                    'rights') from error
 
 
+def regular(path: str | Path, flags: int) -> int:
+    """Open a file, as `opener` of open(), and wait for nobody; raises OSError where it is a device or a pipe."""
+    if not stat.S_ISREG(mode := os.stat(path).st_mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.ENODEV, NO_FILE, str(path))
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def is_regular(path: Path) -> bool:
+    """Return whether a name found in a folder is that of a file; a device or a pipe is named once, in a warning."""
+    if not (is_file := path.is_file()) and path.exists() and not path.is_dir():
+        _name_left_out(path)
+    return is_file
+
+
+@cache
+def _name_left_out(path: Path) -> None:
+    logging.getLogger(__name__).warning('%s: left out: wanted a file, got %s', path, NO_FILE)
+
+
 def read_limited(path: str | Path, wanted: str, most: int, kind: type[RosetteError] = InvalidData) -> bytes:
     """Return the bytes of a file, `~/` being the home of the user, unless there is a folder of that name.
 
     Raises an error of a kind where it cannot be read or has more than `most` bytes."""
     file = path if os.path.exists(path) else os.path.expanduser(path)
-    with reading(path, wanted, kind), open(file, 'rb') as stream:
+    with reading(path, wanted, kind), open(file, 'rb', opener=regular) as stream:
         data = stream.read(most + 1)
     if len(data) > most:
         raise kind(f'{path}: wanted {wanted} of at most {most} bytes, got more')

@@ -12,8 +12,7 @@ from rosette_ros.core.errors import InvalidData, counted, plain
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.records import Run
 from rosette_ros.core.sphere_refit import SphereRefit, TouchedBalls, refit_spheres
-from rosette_ros.io import bag_metadata as bag
-from rosette_ros.io.log_reader import decoded, open_files, read_log
+from rosette_ros.io.log_reader import decoded, find_files, open_files, read_log
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.messages import MACHINE_FRAME, TOUCH_ARRAYS, Answer, nanoseconds, short_frame
 from rosette_ros.io.open_run import is_log
@@ -70,7 +69,7 @@ def read_touches(log: LogRun, run_id: str | None = None) -> TouchedBalls:
     answers = log.run(run_id)
     counting = {(answer.seq, answer.stamp_ns): answer for _, answer in answers.counting()}
     found, unused = dict[int, tuple[Answer, Floats, SimpleNamespace]](), dict[int, str]()
-    for file in open_files(bag.find_files(log.path)):
+    for file in open_files(find_files(log.path)):
         for message in file.messages(lambda channel: channel.type_name == TOUCHES):
             where = f'{file.path}: topic {message.topic}: message {message.number}'
             try:

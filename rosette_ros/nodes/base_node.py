@@ -27,7 +27,7 @@ from rclpy.time import Time
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig, RosetteError
 from rosette_ros.nodes import names
-from rosette_ros.nodes.environment import check_domain
+from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import NodeMonitor, NodeMonitors, StatusPublisher
 from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
@@ -242,7 +242,7 @@ def run_node(name: str, make_node: Callable[[], CellNode], args: list[str] | Non
 
 def _init(args: list[str] | None) -> None:
     """Initialise rclpy; raises InvalidConfig where it refuses arguments or environment, by a RuntimeError."""
-    check_domain(None)
+    check_environment(None)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:

@@ -28,6 +28,7 @@ from rosette_ros.calibration.state_machine import (
     Remark,
     Results,
     Verify,
+    with_advice,
 )
 from rosette_ros.core.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, answer_of, nanoseconds
@@ -53,7 +54,7 @@ class Sequencer(ManagedNode):
         super().__init__(names.SEQUENCER, CALIBRATION + CELL)
         self._job: Job | None = None
         self._next_job: Job | None = None
-        self._taken: set[str] = set()
+        self._taken, self._refusal = set[str](), ''
         self._last, self._last_level, self._published = 'no run yet', OK, 0.0
         self._states = self.create_publisher(RunState, names.RUN_STATE, qos.STATE)
         self._events = self.create_publisher(CalibrationEvent, names.CALIBRATION_EVENT, qos.EVENT)
@@ -95,9 +96,9 @@ class Sequencer(ManagedNode):
 
     async def _on_goal(self, goal: Calibrate.Goal) -> GoalResponse:
         request = Request.of_goal(names.CALIBRATE, goal)
-        recalled = await self._recalled(request)
-        accepted, _ = self._prepare(request, recalled)
-        return GoalResponse.ACCEPT if accepted else GoalResponse.REJECT
+        accepted, words = self._prepare(request, await self._recalled(request))
+        self._refusal = '' if accepted else words
+        return GoalResponse.ACCEPT  # a goal that is rejected has no result to say why
 
     async def _recalled(self, request: Request) -> Recall.Response | None:
         """Return what is recorded of the run that a request resumes; None: a new run."""
@@ -114,9 +115,12 @@ class Sequencer(ManagedNode):
         return await answer
 
     def _on_accepted(self, goal_handle: Any) -> None:
-        if self._next_job is not None:
+        goal_handle.execute()
+        if self._refusal or self._next_job is None:
+            goal_handle.abort()
+            self._action.send_result(goal_handle, Calibrate.Result(message=self._refusal))
+        else:
             self._next_job.goal = goal_handle
-            goal_handle.execute()
             self._accept()
 
     def _on_cancel(self, goal_handle: Any) -> CancelResponse:
@@ -134,7 +138,7 @@ class Sequencer(ManagedNode):
             job = self._make_job(request, recalled)
         except RosetteError as error:
             words = plain(str(error), most=2000)
-            self.get_logger().warning(f'{request.origin} refused: {words}')
+            self.get_logger().error(f'{request.origin} refused: {words}')
             for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.REJECTED):
                 self._publish_event(request, kind, words)
             return False, words
@@ -394,10 +398,14 @@ class Sequencer(ManagedNode):
         succeeded = sequence.phase is Phase.DONE and response.success
         self._last = f'last run {job.run_id} {sequence.phase.name.lower()}: {words}'
         self._last_level = OK if succeeded or (sequence.phase is Phase.CANCELLED and response.success) else ERROR
+        log = response.log or job.log
+        if not succeeded:
+            where = names.where(self.context.get_domain_id(), self.get_namespace())
+            words = with_advice(words, log if sequence.done else '', where)
         if job.goal is not None:
             self._action.send_result(job.goal, Calibrate.Result(
                 success=succeeded, message=words, run_id=job.run_id, error_motions=job.motions or ErrorMotions(),
-                log=response.log or job.log, joint_evaluation=job.joint_evaluation or JointEvaluation()))
+                log=log, joint_evaluation=job.joint_evaluation or JointEvaluation()))
 
     def finish(self) -> None:
         """End a running calibration in good order."""

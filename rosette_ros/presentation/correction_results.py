@@ -59,8 +59,6 @@ CHECKED_ERROR = (
 
 def check_json(check: CorrectionCheck, run_ids: tuple[str, str]) -> Json:
     """Return a CorrectionCheck, schema rosette-verification/1, SI units; run_ids: before and after."""
-    moved = check.misplaced
     return plain({'schema': 'rosette-verification/1', 'before': run_ids[0], 'after': run_ids[1], 'level': check.level,
-                  'verdict': check.sentence, 'action': check.action, 'shift_rad': moved.shift if moved else None,
-                  'u_shift_rad': moved.u if moved else None, 'angle_reversed': moved.sense < 0 if moved else False,
+                  'verdict': check.sentence, 'action': check.action,
                   'p_of_table': check.p_of_table, 'errors': [fields_json(CHECKED_ERROR, one) for one in check.errors]})

@@ -4,18 +4,14 @@
 import datetime
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES
-from rosette_ros.core.trend import CONSEQUENT, LEAST_LINE, Chart, Event, Forecast, Shift, TimeSeries
+from rosette_ros.core.trend import LEAST_LINE, Event, Forecast, Shift
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.presentation.table_format import Table, words
 
 Dates = Sequence[datetime.datetime]
-Charts = Sequence[tuple[TimeSeries, int, Chart]]
-"""Quantity, its component, their control chart."""
 YEAR = 365.25  # days
 MOST_TOLD = 4
 """Quantities of a change that the table names."""
@@ -43,14 +39,6 @@ def _told(event: Event) -> str:
     told = [f'{step.series.name} {size_words(step)}' for step in event.steps[:MOST_TOLD]]
     rest = len(event.steps) - MOST_TOLD
     return ', '.join(told) + (f' and {rest} more' if rest > 0 else '')
-
-
-def component_name(series: TimeSeries, part: int) -> str:
-    """Return a component of a quantity in words, such as `crz, 2 per turn, cos`."""
-    names = {1: ('',), 3: (', radius', ', circle', ', axis')}.get(series.values.shape[1], (', cos', ', sin'))
-    if series.owner in CONSEQUENT and series.values.shape[1] == 2:
-        names = (', about x', ', about y') if series.name.endswith('tilt') else (', x', ', y')
-    return f'{series.name}{names[part]}'
 
 
 def residual_words(course: tuple[float, float]) -> str:
@@ -101,20 +89,6 @@ def forecast_table(forecasts: Mapping[str, Forecast], tolerances: Mapping[str, f
         note='The tolerance less U (guard band, ISO 14253-1), by straight lines through the curves since their last '
              'change; not decidable: below the tolerance by less than U; the interval is between half and twice the '
              'present one (ILAC-G24, control chart).')
-
-
-def charts_table(charts: Charts, dates: Dates) -> Table:
-    """Return how far each control chart goes, in units of its limits, and when it leaves them first."""
-    left = [one for one in charts if one[2].alarms]
-    kept = len(charts) - len(left)
-    return Table('charts', f'{len(left)} of {len(charts)} charts leave their limits', (
-        words('quantity', 'quantity', [component_name(series, part) for series, part, _ in left]),
-        column('ewma', 'largest EWMA / limit', [float(np.max(np.abs(one.ewma / one.ewma_limit))) for *_, one in left],
-               lambda value: text.fixed(value, 1)),
-        column('cusum', 'largest CUSUM / limit', [float(max(one.high.max(), one.low.max()) / one.cusum_limit)
-                                                  for *_, one in left], lambda value: text.fixed(value, 1)),
-        words('first', 'first alarm', [f'{dates[one.alarms[0]]:%Y-%m-%d}' for *_, one in left])),
-        note=f'The other {kept} stay within their limits.' if left else '')
 
 
 def _date(last: datetime.datetime, ahead: float, passed: str) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.io.text_file import replace_file
+from rosette_ros.io.text_file import regular, replace_file
 from rosette_ros.simulation.machine import Machine
 
 SCHEMA = 'rosette-envelope/1'
@@ -50,7 +50,8 @@ def seal_envelope(path: Path, machine: Machine) -> str:
 def open_envelope(path: Path) -> Envelope:
     """Return what is in an envelope; raises InvalidData where it cannot be read, or does not agree with its digest."""
     try:
-        outer = json.loads(path.read_text(encoding='utf-8'))
+        with open(path, encoding='utf-8', opener=regular) as stream:
+            outer = json.load(stream)
     except (OSError, ValueError, RecursionError) as error:
         raise InvalidData(f'{path}: wanted an envelope file, got: {error}') from error
     if not isinstance(outer, dict) or outer.get('schema') != SCHEMA:

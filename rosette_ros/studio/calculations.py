@@ -16,7 +16,7 @@ from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log
-from rosette_ros.presentation.plots.touch_plots import touch_directions, touch_residuals
+from rosette_ros.presentation.plots.touch_plots import touch_residuals
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.page_parts import inline_svgs
 from rosette_ros.presentation.report.provenance import Source
@@ -57,11 +57,10 @@ def shown_touches(source: Source | None) -> ShownTouches:
     refit, missing = touches_of(source)
     if refit is None:
         return ShownTouches(missing=tuple(missing or [NO_TOUCHES]))
-    drawn = inline_svgs({'touch_residuals': touch_residuals(refit), 'touch_directions': touch_directions(refit)})
+    drawn = inline_svgs({'touch_residuals': touch_residuals(refit)})
     return ShownTouches(tuple(sphere_rows(refit)), {
-        'Distance of each touch from its sphere; below, the radius of each sphere.': str(drawn['touch_residuals']),
-        'Mean residuals by direction, seen from the pole: lobing of the probe, form of each ball.':
-            str(drawn['touch_directions'])}, (sphere_table(refit),))
+        'Distance of each touch from its sphere; below, the radius of each sphere.': str(drawn['touch_residuals'])},
+        (sphere_table(refit),))
 
 
 def curves_by_name(runs: Sequence[tuple[str, Run]], model: Model) -> dict[str, ErrorMotions]:

@@ -160,7 +160,7 @@ def _outcome(verdict: Verdict) -> list[str]:
     basis = [] if before.repeatability is not None else [
         'The repeatability is not known, so this rests on the structure of the residual alone.']
     match verdict.outcome:
-        case Outcome.NAMED | Outcome.SUSPECTED if verdict.missing:
+        case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED if verdict.missing:
             it = 'it' if len(verdict.missing) == 1 else 'them'
             known = '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})'
             what = capital('; '.join(dict.fromkeys(map(missing_words, verdict.missing))))
@@ -273,7 +273,7 @@ def _actions(verdict: Verdict) -> list[str]:
     if verdict.missing:
         it = 'it' if len(verdict.missing) == 1 else 'them'
         out.append(f'find {it} in the cell, or add {it} to the model')
-    elif verdict.outcome == Outcome.UNNAMED:
+    elif verdict.unnamed:
         out.append('look at the residual maps, and check the cell for what the residual depends on')
     elif verdict.outcome == Outcome.SCATTERS:
         out.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
@@ -301,12 +301,14 @@ def _actions(verdict: Verdict) -> list[str]:
 
 def _limits(verdict: Verdict) -> list[str]:
     """Return what the run cannot tell, a sentence each."""
-    out = []
+    out: list[str] = []
     for one in verdict.missing:
         said = {name for law, _ in one.cause.laws for name in law} if one.cause else set()
-        others = [f'{title_of(name)} ({chance(p)})' for name, p in one.alternatives if name not in said]
+        others = [other for name, p in one.alternatives
+                  if name not in said and (other := f'{title_of(name)} ({chance(p)})') not in missing_words(one)]
         if others:
             out.append(f'This run cannot tell {title_of(one.name)} from {" or ".join(others)}.')
+    out = [*dict.fromkeys(out)]
     if verdict.hidden:
         out.append(f'This run could not have shown {some_titles(verdict.hidden)}.')
     return out

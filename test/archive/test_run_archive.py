@@ -4,6 +4,8 @@
 import datetime
 import errno
 import json
+import os
+import socket
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -48,6 +50,26 @@ def test_a_row_comes_back_to_the_last_bit(archive, row):
 def test_an_empty_archive_has_no_rows(archive):
     """Of the same columns."""
     assert archive.read_rows(['run_id', 'ctx_m']).to_pydict() == {'run_id': [], 'ctx_m': []}
+
+
+@pytest.mark.parametrize('kind', ['pipe', 'socket', 'device'])
+def test_what_is_no_file_among_the_parts_is_named_and_left_out(archive, row, kind, caplog, monkeypatch):
+    """Nothing waits for the other end of a pipe; it is named once."""
+    archive.add([row])
+    monkeypatch.chdir(archive.folder / 'parts')  # the path of a socket is short
+    path = archive.folder / 'parts' / f'{kind}.parquet'
+    if kind == 'pipe':
+        os.mkfifo(path)
+    elif kind == 'socket':
+        with socket.socket(socket.AF_UNIX) as made:
+            made.bind(path.name)
+    else:
+        path.symlink_to('/dev/zero')
+    assert [path for path in archive.parts if path.stem == kind] == []
+    assert archive.read_rows().num_rows == 1
+    assert archive.join_small() == ''
+    assert [one.getMessage() for one in caplog.records] == [
+        f'{path}: left out: wanted a file, got a device or a pipe']
 
 
 def test_of_two_rows_of_a_run_the_later_counts(archive, row):

@@ -86,7 +86,7 @@ def test_what_is_left_out_is_left_out_of_the_diagnosis(monkeypatch):
     monkeypatch.setattr(Trial, 'judge', lambda trial, found, truth: {'judged': 'right'})
     drift = Trial('left_out', 1, ('frame_drift',), 16.0, orders=('random',), left_out='frame_drift')
     assert work(drift)['judged'] == work(Trial('white', 1, orders=('row',)))['judged'] == 'right'
-    assert asked == [{'without': ('frame_drift',)}, {}]
+    assert asked == [{'without': 'frame_drift'}, {'without': ''}]
     told = work(Trial('left_out', 1, ('frame_drift',), 16.0, orders=('row',), left_out='frame_drift'))
     assert 'wanted an order that shows it, got visible shares' in told['skipped'] and len(asked) == 2
 

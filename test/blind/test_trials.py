@@ -15,6 +15,7 @@ from benchmarks.blind.library import LIBRARY, alike, statement
 from benchmarks.blind.runs import CROSSED, ORDERS, SIGMA, Plan, true_curves, visible_part
 from benchmarks.blind.trial import CAUSES, NotShown, causes_of
 from rosette_ros.analysis import diagnose
+from rosette_ros.core.diagnosis import posterior as levels
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.geometry import rotate_z
@@ -229,14 +230,18 @@ def test_a_diagnosis_is_read_with_its_probabilities():
     new = SimpleNamespace(
         candidates=[SimpleNamespace(**given, probability=0.9)], unexplained=True, verdict=Verdict(Outcome.UNNAMED),
         final=SimpleNamespace(rms=1e-7), probability_of_nothing=0.01, probability_of_unnamed=0.2,
-        unnamed=(SimpleNamespace(alternatives=(frozenset(('travel', 'ball')),)),),
+        unnamed=(SimpleNamespace(alternatives=(frozenset(('travel', 'ball')),)),), causes=(),
         explanations=(SimpleNamespace(members=('frame_drift',), noise=('white',), probability=0.9),))
     said_now = answered(new)
     assert said_now['told'] == [[['ball', 'travel']]] and said_now['claims'][0]['probability'] == 0.9
-    assert said_now['levels'] is None
-    new.levels = ({'motion': 'frame along x', 'variables': [{'time', 'ball'}], 'probability': 0.9, 'law': None,
-                   'law_certain': False},)
-    assert answered(new)['levels'] == [{**new.levels[0], 'variables': [['ball', 'time']]}]
+    assert said_now['levels'] == []
+    laws = (('frame_drift',), 0.6), ((), 0.3)
+    place = SimpleNamespace(name='frame_drift', is_free=False), {}
+    new.causes = (levels.Cause((place,), frozenset(['frame']), (('time', 'travel'), ('ball',)), 0.9, laws),)
+    assert answered(new)['levels'] == [{
+        'motion': 'frame', 'variables': [['ball', 'time'], ['ball', 'travel']], 'probability': 0.9,
+        'law': 'frame_drift', 'law_probability': 0.6, 'law_certain': False,
+        'laws': [{'effect': 'frame_drift', 'probability': 0.6}, {'effect': None, 'probability': 0.3}]}]
     assert said_now['explanations'] == [{'members': ['frame_drift'], 'noise': 'white', 'probability': 0.9}]
 
 

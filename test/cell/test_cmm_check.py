@@ -186,7 +186,8 @@ def test_a_sound_cmm_passes_every_check(check):
         centre__x=lambda answer, _: round(answer.centre.x, 6), centre__y=lambda answer, _: round(answer.centre.y, 6),
         centre__z=lambda answer, _: round(answer.centre.z, 6))),
     ('form error', '100 to 100 µm', changed(form_error=lambda *_: 1e-4)),
-    ('temperature', '293.15 to 293.15', changed(temperature=lambda *_: 293.15)),
+    ('temperature', '293.15 to 293.15 °C; is it in °F or K?', changed(temperature=lambda *_: 293.15)),
+    ('temperature', 'the temperature is 0 °C in ', changed(temperature=lambda *_: 0.0)),
 ])
 def test_a_mistake_fails_its_check(check, failed, words, mistake):
     """In words that say what is wrong."""

@@ -16,7 +16,7 @@ from rosette_ros.cell import supervisor
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import LOCAL, MODULES, PROFILES, RANGE, TRANSPORTS, added_environment
 from rosette_ros.core.errors import CellError
-from rosette_ros.nodes.environment import check_domain
+from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.recorder import LAST_MESSAGES
 
 PROFILE = Path(supervisor.__file__).with_name('fastdds.xml')
@@ -105,13 +105,22 @@ def test_the_command_that_resumes_names_the_domain_of_the_environment(monkeypatc
 def test_a_domain_that_does_not_exist(given, domain, words):
     """ROS would end the process, or log in its own words; one that is given is what counts."""
     if not words:
-        check_domain(domain, {'ROS_DOMAIN_ID': given})
+        check_environment(domain, {'ROS_DOMAIN_ID': given, 'HOME': '/'})
         return
     with pytest.raises(CellError, match=re.escape(words)):
-        check_domain(domain, {'ROS_DOMAIN_ID': given})
+        check_environment(domain, {'ROS_DOMAIN_ID': given})
+
+
+@pytest.mark.parametrize('given', [{'HOME': '/root'}, {'ROS_HOME': '/ros'}, {'ROS_LOG_DIR': '/logs', 'HOME': ''}])
+def test_ros_has_to_have_a_place_for_its_logs(given):
+    """It ends the process without one, in its own words."""
+    check_environment(None, given)
+    with pytest.raises(CellError, match='^HOME: wanted the folder of the user, got none; set HOME, or ROS_LOG_DIR'):
+        check_environment(None, dict.fromkeys(given, ''))
 
 
 @pytest.mark.parametrize(('name', 'value', 'verb', 'words'), [
+    ('HOME', '', ('demo', '--output', 'demo'), 'HOME: wanted the folder of the user, got none; set HOME'),
     ('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp', ('calibrate',),
      r"RMW_IMPLEMENTATION: wanted one that is installed, rmw_\w+.*, got 'rmw_cyclonedds_cpp'; unset it, or install"),
     ('ROS_DOMAIN_ID', '300', ('calibrate',), 'ROS_DOMAIN_ID: wanted a whole number in 0..232'),

@@ -72,8 +72,9 @@ def made(kind):
     elif kind == 'no_fit':
         paths = table('clean'), table('two', hidden=HIDDEN)
         inputs = Inputs(dated, '2026-11-30', is_joint=True)
-    elif kind == 'without_temperatures':
-        paths = (table('cold', change=lambda run: run.replace(temperature=np.full(run.size, np.nan))),)
+    elif kind in ('without_temperatures', 'zero_temperatures'):
+        degrees = np.nan if kind == 'without_temperatures' else 0.0
+        paths = (table(kind, change=lambda run: run.replace(temperature=np.full(run.size, degrees))),)
         inputs = Inputs(dated, '2026-11-30')
     elif kind == 'budget':
         paths = (table('twelve', n=12, hidden=HIDDEN),)

@@ -284,9 +284,10 @@ def test_the_name_of_a_run_is_stated_as_it_is():
 def test_temperatures_are_conditions_or_said_to_be_missing():
     """Lowest, highest and mean in degrees Celsius, or the words."""
     assert len(root_of('clean').xpath('//si:unit[text()="\\degreecelsius"]', namespaces=NAMES)) == 3
-    cold = root_of('without_temperatures')
-    assert not cold.xpath('//si:unit[text()="\\degreecelsius"]', namespaces=NAMES)
-    assert 'The temperature was not recorded.' in texts(cold, '//dcc:statement//dcc:content')
+    for kind in ('without_temperatures', 'zero_temperatures'):
+        cold = root_of(kind)
+        assert not cold.xpath('//si:unit[text()="\\degreecelsius"]', namespaces=NAMES)
+        assert 'The temperature was not recorded.' in texts(cold, '//dcc:statement//dcc:content')
 
 
 @pytest.mark.parametrize(('text', 'words'), [

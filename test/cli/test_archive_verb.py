@@ -102,10 +102,11 @@ def test_an_archive_elsewhere_is_refused_before_any_work(logs, in_this_process, 
             assert f'{place}: wanted a folder of this computer as archive, got a place elsewhere' in refused(
                 'archive', *verb)
     assert sorted(tmp_path.iterdir()) == before
-    for place in ('~/home [1]', f'file://{tmp_path}/url*', f'{tmp_path}/a?b', './with:colon', "it's"):
+    for place in ('~/home [1]', f'file://{tmp_path}/url*', f'file://{tmp_path}/sp%20dir', f'{tmp_path}/a?b',
+                  './with:colon', "it's"):
         assert '1 evaluated' in rosette('archive', 'add', logs, '--into', place).out
         assert json.loads(rosette('archive', 'query', place, '--json').out)['rows'], place
-    assert {'home [1]', 'url*', 'a?b', 'with:colon', "it's"} < {path.name for path in tmp_path.iterdir()}
+    assert {'home [1]', 'url*', 'sp dir', 'a?b', 'with:colon', "it's"} < {path.name for path in tmp_path.iterdir()}
 
 
 def test_no_archive_is_made_among_other_files(logs, in_this_process, refused, tmp_path):

@@ -104,6 +104,33 @@ def test_a_termination_leaves_in_good_order(monkeypatch):
     assert left == ['ended']
 
 
+BLOCKED = '''
+import ctypes, sys
+from rosette_ros.cli import main
+
+def wait_in_a_library(options):
+    mutex, lock = ctypes.create_string_buffer(64), ctypes.CDLL(None).pthread_mutex_lock
+    lock(mutex)
+    print('waits', flush=True)
+    lock(mutex)
+
+main.IMPLEMENTED['shell'] = main.shell_arguments, wait_in_a_library
+sys.argv[1:] = ['shell']
+sys.exit(main.main())
+'''
+
+
+def test_a_termination_ends_what_waits_within_a_library():
+    """Where Python comes to no handler of a signal, as within a database that opens a pipe: within 5 s."""
+    with subprocess.Popen([sys.executable, '-c', BLOCKED], stdout=subprocess.PIPE, text=True) as waiting:
+        try:
+            assert waiting.stdout.readline() == 'waits\n'
+            waiting.terminate()
+            assert waiting.wait(5.0) == 128 + signal.SIGTERM
+        finally:
+            waiting.kill()
+
+
 def test_an_error_of_the_program_is_not_hidden(monkeypatch):
     """What is no RosetteError leaves with its traceback."""
     def fail(argv):

@@ -92,17 +92,7 @@ def test_what_cannot_be_planned(refused, words, message):
 
 def test_a_missing_option_is_named(refused):
     """A missing option is named."""
-    assert 'plan: wanted either --order or --hours' in refused('plan', '--balls', 6, '--radius-mm', 182.5)
-
-
-def test_plans_for_a_given_time(rosette):
-    """The best comes first, with the command that measures it."""
-    arguments = ('plan', '--balls', 12, '--radius-mm', 182.5, '--hours', 1, '--drift-um', 0.1)
-    out = rosette(*arguments).out
-    assert 'calibrate --balls 12 --radius-mm 182.5 --order there_and_back --cmm-positions 1,2,3,4,5,6,7,9,' in out
-    assert rosette('plan', '--balls', 12, '--hours', 1, '--drift-um', 0.1).out == out  # the usual radius
-    first = json.loads(rosette(*arguments, '--json').out)['plans'][0]
-    assert first['relative_error'] < 1.41 and first['duration_s'] <= 3600 and first['touches'] == 6
+    assert 'plan: wanted either --order, or plan files' in refused('plan', '--balls', 6, '--radius-mm', 182.5)
 
 
 def test_what_a_reduced_plan_determines(rosette):
@@ -250,18 +240,9 @@ def test_a_plate_of_fewer_balls_than_positions_is_called_so(rosette, tmp_path):
     (('row', '--balls', 12, '--radius-mm', 100, '--balls-of', 1), '1 of 12 balls do not determine the curves'),
     (('row', '--balls', 12, '--radius-mm', 100, '--share', 1.5),
      "--share: wanted a part of the CMM positions, above 0 and at most 1, got '1.5'"),
-    (('row', '--order', 'row'), 'plan: wanted either --order or --hours, or plan files and orders to compare'),
+    (('row', '--order', 'row'), 'plan: wanted either --order, or plan files and orders to compare'),
     (('row', '--balls', 6, '--radius-mm', 100, '-o', 'plan.txt'), '--output: wanted a name that ends in .csv, got'),
     (('row', 'column', '--balls', 6, '--radius-mm', 100, '-o', 'plan.csv'), 'wanted one plan to write, got several'),
-    (('--hours', 1), 'plan: wanted --balls with --hours'),
-    *((('--hours', 1, '--balls', 6, *given), f'--hours proposes plans: wanted no {words}; choose a plan with --order, '
-       f'then {words}') for given, words in (
-        (('-o', 'plan.csv'), '--output'), (('--figures', 'folder'), '--figures'), (('--touches', 6), '--touches'),
-        (('--cmm-positions', 5), '--cmm-positions or --share'), (('--share', 0.5), '--cmm-positions or --share'),
-        (('--balls-of', 5), '--balls-of'), (('--seed', 3), '--seed'), (('--plate', 'plate.yaml'), '--plate'),
-        (('--csv',), '--csv'), (('--axis', 1, 0, 0), '--axis'))),
-    (('--hours', 1, '--balls', 6, '--turning', 'alternate'),
-     '--hours proposes plans: wanted no --turning; they turn forward, or there and back'),
     (13 * ('row',), 'plan: wanted at most 12 plans, got 13')])
 def test_what_cannot_be_compared(refused, words, message):
     """One line each."""

@@ -16,7 +16,7 @@ from rosette_ros.archive.table_history import history_of
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.identity_file import parse_identity
-from rosette_ros.presentation.trend_results import component_name, events_table, residual_words
+from rosette_ros.presentation.trend_results import events_table, residual_words
 
 pytestmark = pytest.mark.long
 
@@ -79,20 +79,14 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tm
     off = np.abs(np.array(step['size']) - [3e-6, 0.0])
     assert np.all(off < 1.5 * np.array(step['U'])), 'three standard uncertainties'
     assert set(found['forecasts']) == {'crz_rad', 'ctz_m'}
-    assert len(found['charts']) == 6 + 2 * 2 * 6 + 1  # errors, two harmonics of five angles, residual
-    left = {one['quantity']: one['alarms'][0] for one in found['charts'] if one['alarms']}
-    assert left['crz, 2 per turn'] <= 'day_0360.0', 'wear may show before the step'
     page = tmp_path / 'trend.html'
     text = rosette('trend', archive, '--table', 'RT-7', '--figures', tmp_path, '-o', page).out
     assert 'crz, 2 per turn' in text
-    beyond = re.search(r'^In the last run beyond the limits of their control charts: (.*)\.$', text, re.MULTILINE)
-    assert beyond[1].count(';') + 1 == sum(found['runs'][-1]['run_id'] in one['alarms'] for one in found['charts'])
     assert 'When tolerances are reached' in text
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['trend.html', *(
-        f'trend_{name}.png' for name in ('control_chart', 'harmonics', 'ranges', 'summary'))]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['trend.html', 'trend_ranges.png']
     written = page.read_text(encoding='utf-8')
     assert all(words in written for words in ('Trend of rotary table RT-7', 'SIMULATED', 'id="table-events"',
-                                              'id="table-forecast"', 'id="table-charts"', '<svg'))
+                                              'id="table-forecast"', '<svg'))
     assert 'exists already' in refused('trend', archive, '--table', 'RT-7', '-o', page)
 
 
@@ -113,25 +107,6 @@ def test_a_curve_that_changed_lately_is_named(rosette, tmp_path):
     said = 'crz: 2 runs since its last change, 3 at different times wanted for a forecast.'
     assert ' '.join(f'{found["sentence"]}.'.split()) in ' '.join(words.split())
     assert said in words and said in (tmp_path / 'trend.html').read_text(encoding='utf-8')
-
-
-def test_the_chart_is_that_of_what_moved_most(rosette, tmp_path):
-    """A harmonic that went there and back by its cos shows its cos; without a change there is no such chart."""
-    rows = rows_of(lambda day: plate(5, table=wave('ctx', 2, 2.0) if 70 <= day < 140 else {}), 30)
-    history = history_of(rows, 'RT-7')
-    *_, back = history.events()
-    series, part, chart = history.chart_of(back)
-    step = back.steps[0]
-    assert series is step.series
-    assert abs(step.size[part] / step.u[part]) == np.max(np.abs(step.size / step.u))
-    assert component_name(series, part) == f'ctx, 2 per turn, {"cos" if part == 0 else "sin"}'
-    assert len(chart.z) == 30
-    archive = RunArchive(tmp_path / 'plant', make=True)
-    archive.add(rows[:10])
-    rosette('trend', archive.folder, '--table', 'RT-7', '--figures', tmp_path / 'figures', '-o',
-            tmp_path / 'trend.html')
-    assert not (tmp_path / 'figures' / 'trend_control_chart.png').exists()
-    assert 'moved most' not in (tmp_path / 'trend.html').read_text(encoding='utf-8')
 
 
 def test_noise_that_grows_is_told_as_noise():

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corrections: between the measured angles, taken off by the simulated machine, and whether that is noticed."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -161,8 +160,7 @@ def test_mistakes_are_told_apart(before, tmp_path):
     assert wrong_sign.sentence.startswith('The correction was applied with the wrong sign: ctx (was added instead of')
     assert {one.result for one in wrong_sign.errors} == {Effectiveness.WRONG_SIGN}
     beside = check(moved(np.deg2rad(7.5)))
-    assert {one.result for one in beside.errors} == {Effectiveness.MISPLACED}
-    assert re.match(r'The correction was applied \+7\.\d\d ± 0\.\d\d deg beside its place \(k = 2\)', beside.sentence)
+    assert beside.sentence.startswith('The correction did not do what it promised: ctx (')
     not_applied = check_correction(before, measured(seed=1)[1], correction)
     assert {one.result for one in not_applied.errors} == {Effectiveness.NOT_APPLIED}
     off = 'Check that the correction is loaded and switched on'
@@ -176,15 +174,14 @@ def test_mistakes_are_told_apart(before, tmp_path):
     assert [one.level for one in (wrong_sign, beside, not_applied, foreign)] == ['bad'] * 4
 
 
-@pytest.mark.parametrize('sense', [1, -1])
-@pytest.mark.parametrize('degrees', [-120.0, -5.0, 90.0, 180.0])
-def test_where_a_correction_acts_is_found_within_its_uncertainty(before, tmp_path, degrees, sense):
-    """At any distance from its place, and where the angle of the controller runs the other way."""
-    correction, shift = Correction(before, before), np.deg2rad(degrees)
-    applied = Correction(*[replace(before, values=correction.errors(sense * (before.angle - shift)))] * 2)
-    found = check_correction(before, corrected(tmp_path, applied), correction).misplaced
-    assert found is not None and found.sense == sense
-    assert abs(np.angle(np.exp(1j * (found.shift - shift)))) < 4 * found.u < np.deg2rad(2)
+@pytest.mark.parametrize('degrees', [-120.0, 90.0, 180.0])
+def test_a_correction_at_other_angles_has_no_wrong_sign(before, tmp_path, degrees):
+    """Some waves of it are added there, others taken off; what to check is said."""
+    correction = Correction(before, before)
+    applied = Correction(*[replace(before, values=correction.errors(before.angle - np.deg2rad(degrees)))] * 2)
+    found = check_correction(before, corrected(tmp_path, applied), correction)
+    assert found.sentence.startswith('The correction did not do what it promised: ctx (')
+    assert 'zero and sense of the angle as the run' in found.action
 
 
 def test_what_a_large_uncertainty_hides_is_not_confirmed(before, tmp_path):

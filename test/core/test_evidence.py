@@ -145,7 +145,7 @@ def test_the_kind_of_noise_is_found():
 def test_probabilities_count_every_hypothesis():
     """They add up to one; two names in the same place cannot be told apart; the rest is as likely as its sum."""
     evidence = {((), ()): 0.0, (('frame_step',), ()): 5.0, (('frame_drift',), ()): 4.5, (('time',), ('wander',)): 2.0}
-    posterior = Posterior(evidence)
+    posterior = Posterior({key: (value, ()) for key, value in evidence.items()})
     assert sum(posterior.p.values()) == pytest.approx(1)
     claim, = posterior.claims
     assert (claim.name, claim.alike) == ('frame_step', ('frame_drift',))

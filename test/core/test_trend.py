@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trends: changes of known date and size are found, histories without one show none, charts and forecasts are right."""
+"""Trends: changes of known date and size are found, histories without one show none, forecasts are right."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,6 @@ from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.trend import (
     LEAST_RUNS,
     TimeSeries,
-    control_chart,
-    control_charts,
     course,
     find_events,
     forecast,
@@ -115,45 +113,6 @@ def test_runs_without_a_value_are_left_out():
     series[0].values[:25] = np.nan
     [event] = find_events(days, series, temperature)
     assert event.run == 50
-
-
-def test_control_charts_hold_and_alarm():
-    """No alarm in 40 histories of 200 runs; a step of 6 standard deviations is one after at most three runs."""
-    rng = np.random.default_rng(7)
-    for _ in range(40):
-        assert control_chart(rng.standard_normal(200), np.ones(200), 200).alarms == ()
-    values = rng.standard_normal(60)
-    values[40:] += 6
-    first = control_chart(values, np.ones(60), 60 * 48).alarms[0]
-    assert 40 <= first <= 42
-    with pytest.raises(InvalidData, match='wanted at least 8 runs, got 7'):
-        control_chart(values[:7], np.ones(7), 7)
-
-
-@pytest.mark.parametrize(('runs', 'histories'), [(8, 100), (20, 40)])
-def test_the_limits_of_all_charts_hold_in_short_histories(runs, histories):
-    """25 components whose scatter is estimated from their own runs: without the moderation of it, 15 and 7.5 % of such
-    histories had an alarm, wanted are 0.2 %."""
-    rng = np.random.default_rng(10)
-    sizes = [('table', 1)] * 6 + [('table', 2)] * 9 + [('residual', 1)]
-    for _ in range(histories):
-        series = [TimeSeries(owner, 'one', rng.standard_normal((runs, parts)), np.ones((runs, parts)))
-                  for owner, parts in sizes]
-        assert not any(chart.alarms for *_, chart in control_charts(series, 25 * runs))
-
-
-def test_the_cusum_limit_gives_its_run_length():
-    """Both senses of an allowance of one standard deviation: mean run length 200, by simulation, within 10 %."""
-    limit = control_chart(np.zeros(8), np.ones(8), 1, false_events=1 / 200).cusum_limit
-    rng = np.random.default_rng(8)
-    length, up, down = np.zeros(4000), np.zeros(4000), np.zeros(4000)
-    running = np.ones(4000, dtype=bool)
-    while running.any():
-        z = rng.standard_normal(4000)
-        up, down = np.maximum(0, up + z - 1), np.maximum(0, down - z - 1)
-        length += running
-        running &= np.maximum(up, down) <= limit
-    assert abs(length.mean() / 200 - 1) < 0.1
 
 
 def test_a_tolerance_is_reached_when_the_line_says():

@@ -11,6 +11,7 @@ from split_bag import split
 from rosette_ros.core.errors import InvalidData, RosetteError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter
+from rosette_ros.io.open_run import open_run
 
 
 def file_of(tmp_path, data):
@@ -43,11 +44,29 @@ def test_no_mcap_is_refused_with_words(tmp_path, data, words):
         read_log(file_of(tmp_path, data))
 
 
-@pytest.mark.parametrize('profile', ['ros1', ''])
-def test_other_profiles_are_refused_with_words(tmp_path, profile):
-    """Only ros2 tells what the schemas mean."""
-    with pytest.raises(InvalidData, match=f"some.mcap: profile: wanted ros2, got '{profile}'"):
-        read_log(mcap_of(tmp_path, profile))
+def test_other_profiles_are_refused_with_words(tmp_path):
+    """They say that schemas mean something else."""
+    with pytest.raises(InvalidData, match="some.mcap: profile: wanted ros2, got 'ros1'"):
+        read_log(mcap_of(tmp_path, 'ros1'))
+
+
+def test_a_log_that_states_nothing_is_read_by_what_it_holds(make_cell, tmp_path):
+    """An empty profile; an identifier of the storage that is empty, null or missing."""
+    log = make_cell().write(tmp_path / 'log')
+    whole, file, path = open_run(log), log / 'log_0.mcap', log / 'metadata.yaml'
+    data = file.read_bytes()
+    size = int.from_bytes(data[9:17], 'little')
+    assert data[17:25] == b'\4\0\0\0ros2'
+    file.write_bytes(data[:9] + (size - 4).to_bytes(8, 'little') + bytes(4) + data[25:])
+    assert open_run(file).centre.tobytes() == whole.centre.tobytes()
+    file.write_bytes(data)
+    content = yaml.safe_load(path.read_text())
+    bag = content['rosbag2_bagfile_information']
+    for stated in ({'storage_identifier': ''}, {'storage_identifier': None}, {}):
+        bag.pop('storage_identifier', None)
+        bag.update(stated)
+        path.write_text(yaml.safe_dump(content))
+        assert open_run(log).centre.tobytes() == whole.centre.tobytes(), stated
 
 
 def test_log_without_ball_centres_is_refused_with_words(make_cell, tmp_path):

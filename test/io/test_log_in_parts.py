@@ -54,6 +54,32 @@ def test_without_metadata_the_files_are_read_by_their_numbers(parts):
     assert read_log(log).damage == f'the log is damaged: {log}: log_4.mcap is missing; put it back'
 
 
+@pytest.mark.parametrize('name', ['{}_run_2026', '{}', 'run_2026_11_28-04_{:02}_22', 'part {} of 11'])
+def test_without_metadata_and_with_other_names_the_files_are_one_by_their_run(parts, name):
+    """Numbered in front, alone or by the time: their order is that of their messages."""
+    _, whole, log = parts
+    (log / 'metadata.yaml').unlink()
+    for number in range(PARTS):
+        (log / f'log_{number}.mcap').rename(log / f'{name.format(number)}.mcap')
+    assert [one.data for one in iter_log(log)] == [one.data for one in iter_log(whole)]
+    found = read_log(log)
+    assert (found.damage, len(found.files)) == ('', PARTS)
+    assert found.to_run().centre.tobytes() == read_log(whole).to_run().centre.tobytes()
+
+
+def test_files_of_several_runs_and_copies_of_one_are_not_one_log(make_cell, tmp_path):
+    """Which of them is meant is asked."""
+    folder = tmp_path / 'folder'
+    folder.mkdir()
+    first, other = (make_cell(run_id=run_id).write(tmp_path / run_id) / 'log_0.mcap' for run_id in 'ab')
+    (folder / 'b.mcap').write_bytes(other.read_bytes())
+    for name in ('a.mcap', 'b copied.mcap'):
+        (folder / name).write_bytes((first if name == 'a.mcap' else other).read_bytes())
+        with pytest.raises(InvalidData, match='folder: wanted a run, got a folder of 2: '):
+            read_log(folder)
+        (folder / name).unlink()
+
+
 @pytest.mark.parametrize('kept', [-60, 1000])
 def test_a_last_file_without_an_end_costs_what_is_behind_it(parts, kept):
     """The files before it are whole."""

@@ -39,6 +39,11 @@ def test_run_is_chosen_by_its_id(make_cell, tmp_path):
 @pytest.mark.parametrize(('name', 'data', 'words'), [
     ('some.db3', b'SQLite format 3\0...', 'some.db3: is an sqlite3 log; wanted MCAP: convert it'),
     ('some.mcap.zst', b'\x28\xb5\x2f\xfd\0', 'is a compressed file; unpack it: zstd -d .*some.mcap.zst -o .*some.mcap'),
+    ('log.mcap.gz', b'\x1f\x8b\x08\0', r'log.mcap.gz: is a packed file; unpack it: gzip -dk \S+/log.mcap.gz$'),
+    ('log.mcap.xz', b'\xfd7zXZ\0\0', r'log.mcap.xz: is a packed file; unpack it: xz -dk \S+/log.mcap.xz$'),
+    ('run.csv.bz2', b'BZh91AY', r'run.csv.bz2: is a packed file; unpack it: bzip2 -dk \S+/run.csv.bz2$'),
+    ('a b.tar', b'log.mcap' + bytes(249) + b'ustar', r"a b.tar: is a packed file; unpack it: tar -xf '\S+/a b.tar'$"),
+    ('ros1.bag', b'#ROSBAG V2.0\n', 'ros1.bag: is a bag of ROS 1; wanted MCAP: convert it with `rosbags-convert --src'),
     ('some.csv', b'', 'some.csv: is empty; wanted a log directory, an .mcap file or a CSV table'),
     ('some.mcap', b'a,b,c', 'some.mcap: is not an MCAP file'),
     ('some.json', b'{"a": 1}', 'some.json: wanted "# schema: rosette-ball-centres/1"'),

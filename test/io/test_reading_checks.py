@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a CMM's node does wrong is found from its answers, and said in the verdict."""
 
+import re
+import warnings
+
 import numpy as np
 import pytest
 
 from rosette_ros.analysis import judge
 from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.core.diagnosis.diagnosis import diagnose
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.records import resolution_of
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
+from rosette_ros.io.open_run import open_run
 from rosette_ros.io.reading_checks import check_answers
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.simulation import Machine, MachineConfig
@@ -88,6 +94,34 @@ def test_a_mistake_is_named(mistake):
     assert verdict.level != Level.GOOD
 
 
+@pytest.mark.parametrize('unmeasured', [lambda *_: 0.0, lambda target, one: one.temperature * (target.seq > 30)])
+def test_a_temperature_that_was_not_measured_is_a_doubt(unmeasured):
+    """A field that no node sets is 0; so is what a thermometer gives before it is there."""
+    verdict = judge(measured(temperature=unmeasured).to_run())
+    [words] = verdict.remarks
+    assert re.match(r'the temperature is 0 °C in \d+ of 36 readings; was it measured\? ', words)
+    assert verdict.level != Level.GOOD
+
+
+@pytest.mark.parametrize(('factor', 'unit'), [(1e9, 'ns'), (1e6, 'µs'), (1e3, 'ms'), (1 / 3600, 'hours')])
+def test_a_time_in_another_unit_says_nothing_of_effects_in_time(tmp_path, factor, unit):
+    """A warm-up is found as what moves with the number of readings, without a time constant of a million years."""
+    warm = {'kind': 'frame_warmup', 'amplitude_um': [1.6, 1.0, -0.7], 'time_constant_h': 0.1}
+    run = Machine(MachineConfig().changed(seed=2, plate={'balls': N}, hidden=[warm])).run(plan(N, 'sensitive'))
+    (tmp_path / 'table.csv').write_text(format_csv(run.replace(time=1e4 + factor * run.time)))
+    table = open_run(tmp_path / 'table.csv')
+    [words] = table.remarks
+    assert f'is time_s in {unit}, which would be 3' in words
+    assert words.endswith(' s? give seconds; until then effects in time cannot be found')
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        found = diagnose(table)
+    assert found.verdict.level != Level.GOOD
+    assert not any('time' in EFFECTS[name].variables for name in found.missing)
+    text = verdict_text(found.verdict)
+    assert not re.search(r'\d (min|h)\b', f'{text.sentence} {text.action}')
+
+
 def test_a_model_that_fits_doubtful_readings_is_an_outcome():
     """A zero travel changes no curve: the model fits, but the verdict is not good."""
     run = measured(table_travel=lambda _, answer: 0.0).to_run()
@@ -119,7 +153,11 @@ def test_a_table_is_checked_too():
     [remark] = parse_csv(format_csv(run.replace(time=np.zeros(run.size))).encode()).remarks
     assert remark.startswith('the time is the same in all 36 readings')
     for changed, words in (({'time': run.time / 3600}, 's apart, quicker than a CMM measures; is time_s in hours'),
-                           ({'temperature': 32 + 1.8 * run.temperature}, 'is temperature_C in °F or K? give °C'),
+                           ({'temperature': 32 + 1.8 * run.temperature}, '°C; is it in °F or K? give °C'),
+                           ({'temperature': run.temperature + 273.15}, 'the temperature is 293.'),
+                           ({'temperature': np.zeros(run.size)}, 'the temperature is 0 °C in 36 of 36 readings; was it '
+                            'measured? Leave it empty (in messages NaN) where it was not'),
+                           ({'temperature': np.where(np.arange(run.size) < 1, 0, run.temperature)}, '0 °C in 1 of 36'),
                            ({'repeatability': 2e-3}, 'the stated repeatability is 2000 µm; is it in mm or m? give µm'),
                            ({'repeatability': 1e-13}, 'repeatability is 0.000000100 µm; is it in mm or m? give µm')):
         assert any(words in one for one in parse_csv(format_csv(run.replace(**changed)).encode()).remarks), words

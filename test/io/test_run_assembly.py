@@ -160,7 +160,7 @@ def test_answers_that_do_not_fit_are_counted_and_not_used():
            answer(7, table_angle=math.nan)]
     known = collected(answers=[*bad, *ANSWERS[1:5]])
     assert known.unused() == {'failed': 1, 'to no target': 1, 'with another ball than asked': 1,
-                              'without finite numbers': 1, 'repeated': 0}
+                              'without finite numbers': 1, 'in another frame than table': 0, 'repeated': 0}
     assert [one.seq for one, _ in known.counting()] == [2, 3, 4, 5]
     with pytest.raises(InvalidData, match=r"here: wanted ball centres of run 'r', got none that counts \(1 failed, "
                        r'1 to no target, 1 with another ball than asked, 1 without finite numbers\)'):
@@ -298,11 +298,34 @@ def in_machine(one):
 
 
 def test_machine_frame_is_turned_into_the_table_frame():
-    """p_table = R^T (p_machine - o); what is in the table frame stays as it is."""
-    answers = [one._replace(frame_id='cell1/table') if one.seq == 5 else in_machine(one) for one in ANSWERS]
-    run = collected(answers=answers, frames=[TableFrame(0, FRAME)]).to_run()
+    """p_table = R^T (p_machine - o)."""
+    run = collected(answers=map(in_machine, ANSWERS), frames=[TableFrame(0, FRAME)]).to_run()
     np.testing.assert_allclose(run.centre, [one.centre for one in ANSWERS], atol=1e-15)
     assert run.centre[4].tolist() == list(ANSWERS[4].centre)
+
+
+@pytest.mark.parametrize('others', [('cell1/table', 'cell1/table'), ('cell1/table', 'tool')])
+@pytest.mark.parametrize('in_table', [True, False])
+def test_frames_are_never_mixed(in_table, others):
+    """Most answers decide in which order ever they come; those in other frames are counted and not used."""
+    answers = ANSWERS if in_table else [*map(in_machine, ANSWERS)]
+    others = [one.replace('cell1/table', 'machine') for one in others] if in_table else others
+    for wrong in ((1, 2), (4, 8)):
+        given = [one._replace(frame_id=others[wrong.index(one.seq)]) if one.seq in wrong else one for one in answers]
+        for order in (given, given[::-1]):
+            known = collected(answers=order, frames=[TableFrame(S // 2, FRAME)])
+            run = known.to_run()
+            assert not set(zip(run.table_position, run.ball)) & {CELLS[seq - 1] for seq in wrong}
+            assert (run.size, known.answered, [one.seq for one in known.failed()]) == (7, 7, [*wrong])
+            assert known.unused()[f'in another frame than {"table" if in_table else "machine"}'] == 2
+            assert known.is_in_table_frame == in_table
+            for seq in wrong:
+                known.add_target(target(seq, attempt=2, stamp_ns=50 * S))
+                known.add_answer(answers[seq - 1]._replace(stamp_ns=51 * S))
+            run = known.to_run()
+            expected = [nominal(*one) for one in zip(run.table_position, run.ball, strict=True)]
+            np.testing.assert_allclose(run.centre, expected, atol=1e-15)
+            assert bool(known.lacking(9)) != in_table  # the transform is older than the first target
 
 
 def test_the_frame_is_the_last_before_the_run():
@@ -383,8 +406,8 @@ def test_only_transforms_of_the_table_in_the_machine_are_table_frames():
 
 
 @pytest.mark.parametrize(('asked', 'given', 'words'), [
-    ({}, lambda one: one._replace(frame_id='tool' if one.seq == 9 else 'machine'),
-     "here: ball centre with seq 9: frame_id: wanted machine or table, got 'tool'"),
+    ({}, lambda one: one._replace(frame_id='tool'),
+     "here: wanted ball centres of run 'r', got none that counts \\(9 in another frame than machine or table\\)"),
     ({}, lambda one: one._replace(frame_id='machine'),
      'here: wanted a transform from machine to table on /tf_static, got none'),
     ({'balls': 4}, None, "here: run 'r': balls: wanted one value in all targets, got 3, 4"),

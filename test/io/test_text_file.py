@@ -21,16 +21,59 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter, whole_log
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.run_to_log import write_log
-from rosette_ros.io.text_file import give_name, write_text
+from rosette_ros.io.text_file import give_name, path_of, write_text
 from rosette_ros.presentation.plots.plot_style import save
 
 TABLE = Path(__file__).parents[1] / 'golden' / 'tables' / 'table_clean_n6_row.csv'
 COMMAND = 'import sys; from rosette_ros.cli.main import main; sys.exit(main())'
 
 
+READERS = '''
+import sys
+from pathlib import Path
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.dme.stop_mark import StopMark
+from rosette_ros.io import budget_file, identity_file, log_reader, model_file, plan_file, plate_file
+from rosette_ros.presentation.report import provenance, verification
+from rosette_ros.simulation import envelope
+from rosette_ros.simulation.machine import load_machine
+
+path, settings = Path(sys.argv[1]), Path(sys.argv[1]).with_name('cmm.yaml')
+settings.with_name('cmm.yaml.stopped').symlink_to(path)
+for read in (budget_file.read_budget, identity_file.read_identity, model_file.read_model, plan_file.read_plan,
+             plate_file.read_plate, provenance.digest, verification.read_maker, envelope.open_envelope, load_machine,
+             log_reader.read_log):
+    try:
+        print(read.__name__, read(path))
+    except RosetteError as error:
+        print(error)
+print(StopMark(settings).read())
+'''
+
+
+@pytest.mark.parametrize('kind', ['pipe', 'device'])
+def test_nothing_waits_for_a_pipe(tmp_path, kind):
+    """In the place of a file of settings, a table, a log: refused at once, in a line each."""
+    path = tmp_path / 'given.yaml'
+    os.mkfifo(path) if kind == 'pipe' else path.symlink_to('/dev/zero')
+    done = subprocess.run([sys.executable, '-c', READERS, path], capture_output=True, text=True, timeout=120, check=True)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 11
+    assert all('a device or a pipe' in one for one in lines), done.stdout
+
+
 def content(folder):
     """Return the bytes of every file in a folder by its name."""
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.mark.parametrize(('text', 'path'), [
+    ('file:///a/sp%20dir/x.csv', '/a/sp dir/x.csv'), ('file://localhost/%C3%B6', '/ö'), ('file:/a%2Bb', '/a+b'),
+    ('~/a%20b', '/home/me/a%20b'), ('a%20b', 'a%20b'), ('file://nas/a%20b', 'file://nas/a%20b'), ('~me', '~me')])
+def test_an_address_is_decoded(monkeypatch, text, path):
+    """What a file manager copies is one; a path is none, and stays as it is."""
+    monkeypatch.setenv('HOME', '/home/me')
+    assert path_of(text) == path
 
 
 def test_a_replaced_file_keeps_its_mode_and_the_link_to_it(tmp_path):

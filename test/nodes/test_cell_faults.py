@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import BallCentre, ErrorMotions, ProbeTarget, RunState
 from rosette_msgs.srv import CheckPlan, StartRecording
 
@@ -297,7 +298,9 @@ def test_a_run_whose_log_lacks_a_result_is_no_success(cell_of, domain_id, make_p
     finally:
         peer.stop()
     assert not outcome.success
-    assert outcome.message == 'the log lacks the readings, the model; evaluate it offline, or resume the run'
+    assert outcome.message == (
+        'the log lacks the readings, the model; evaluate it offline, or resume the run; what was measured is in '
+        f'{outcome.log}; continue with: rosette calibrate --resume {outcome.log} --domain {domain_id}')
     log = read_log(outcome.log)
     assert log.states[-1].phase == Phase.FAILED
     assert [event.kind for event in log.events] == [1, 2, 7]
@@ -314,10 +317,13 @@ def test_missing_parts_are_named_by_service_and_action(cell_of, domain_id, trigg
         with pytest.raises(CellError, match='calibration refused: no CMM') as refusal:
             client.calibrate(check=cell.check)
         started, why = trigger(client, 'start_calibration')
-    assert not started
+        goal = client._await(client._action.send_goal_async(Calibrate.Goal()), 10.0, cell.check)
+        result = client._await(goal.get_result_async(), 10.0, cell.check).result
+    assert not started and not result.success and not result.run_id
     for words in wanted:
         assert words in why
         assert words in str(refusal.value)
+        assert words in result.message
 
 
 def test_a_disk_that_refuses_ends_the_run_at_once_and_it_is_resumed(cell_of, domain_id):

@@ -24,16 +24,6 @@ pytest.importorskip('cyclonedds')
 
 N = 3
 SCRIPT = Path(__file__).parent / 'cyclone_cmm.py'
-ONLY_THIS_COMPUTER = """
-<CycloneDDS><Domain Id="any">
-  <General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
-    <AllowMulticast>false</AllowMulticast></General>
-  <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>60</MaxAutoParticipantIndex>
-    <Peers><Peer Address="localhost"/></Peers></Discovery>
-</Domain></CycloneDDS>
-"""
-
-
 DOCUMENT = Path(__file__).parents[2] / 'docs' / 'real-cmm.md'
 OPTIONS = '{limits.answer_timeout_s: 2.0, limits.attempts: 10}'
 
@@ -80,7 +70,8 @@ def run_with(cmm, cell, domain, wait_until):
 @pytest.fixture
 def cyclone_cmm(cell, module_domain_id, wait_until):
     """Run a CMM on another DDS in a process without ROS."""
-    environment = {**os.environ, 'CYCLONEDDS_URI': ONLY_THIS_COMPUTER}
+    settings = re.search('```xml\n(.*?)```', DOCUMENT.read_text(), re.DOTALL)[1]
+    environment = {**os.environ, 'CYCLONEDDS_URI': settings}
     with process_of(cell, wait_until, SCRIPT, module_domain_id, 'rosette', stdin=subprocess.PIPE,
                     env=environment) as process:
         yield process

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bars of models, candidates and visibility, differences of runs, and figures as parts of a page."""
 
+import os
+import subprocess
+import sys
 from types import SimpleNamespace as record
 
 import numpy as np
@@ -105,3 +108,25 @@ def test_a_figure_becomes_part_of_a_page():
     assert '>a title</text>' in svg
     assert 'id="name-' in svg and 'id="figure' not in svg
     assert make() == svg
+
+
+STYLE = 'font.family: serif\nfont.size: 22\naxes.facecolor: black\nsavefig.transparent: True\nlines.linewidth: 6\n'
+
+
+@pytest.mark.parametrize(('settings', 'place'), [
+    (STYLE, 'named'), (STYLE, 'here'), ('text.usetex: True\nfont.family: Nonexistent\n', 'named'),
+    ('# no UTF-8: \xb5\n', 'named')])
+def test_a_figure_is_the_same_whatever_the_matplotlibrc_says(tmp_path, settings, place):
+    """Fonts that are not there, TeX, another look: they are for the figures of their owner."""
+    (tmp_path / 'matplotlibrc').write_text(settings, encoding='latin-1')
+
+    def drawn(folder, rc=''):
+        folder.mkdir(exist_ok=True)
+        done = subprocess.run(
+            [sys.executable, '-m', 'rosette_ros.cli.main', *'plan row --balls 4 --radius-mm 9 --figures . --format png'
+             .split()], capture_output=True, text=True, timeout=60, cwd=folder,
+            env={**os.environ, 'MATPLOTLIBRC': rc}, check=False)
+        assert (done.returncode, done.stderr) == (0, '')
+        return {path.name: path.read_bytes() for path in folder.glob('*.png')}
+    found = drawn(tmp_path / 'elsewhere', str(tmp_path)) if place == 'named' else drawn(tmp_path)
+    assert found and found == drawn(tmp_path / 'none')

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.long
 ORDER = ['verdict', 'curves', 'fails', 'seen', 'measured', 'uncertainty', 'unknown', 'values', 'deviations',
          'residuals', 'ladder', 'candidates', 'visibility', 'conditions']
 FIGURES = ['curves', 'residual_maps', 'polar', 'budget', 'deviations', 'residuals_against', 'histogram', 'noise',
-           'spectrum', 'ladder', 'candidates', 'shapes', 'pairs', 'visibility']
+           'ladder', 'candidates', 'shapes', 'pairs', 'visibility']
 
 
 def renamed(summary, run_id):
@@ -66,7 +66,7 @@ def test_the_verdict_says_what_is_wrong_and_what_to_do(drift_page):
     summary, text = summary_of('drift'), ' '.join(Page(drift_page).texts['verdict'].split())
     assert summary.diagnosis.missing == ('frame_drift',)
     stated = verdict_text(summary.verdict)
-    for words in (stated.sentence, stated.action, 'CAUSE FOUND, NOT IN THE MODEL', 'What to do:', 'the probe moves by',
+    for words in (stated.sentence, stated.action, 'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL', 'What to do:', 'the probe moves by',
                   'drift of the probe relative to the table', 'as modelled now', 'with the cause found'):
         assert words in text
 

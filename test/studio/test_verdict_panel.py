@@ -31,9 +31,11 @@ def test_the_card_and_both_models_are_shown(monkeypatch):
             panel.show(controller.session.current)
     found = [element.text for element in client.elements.values() if getattr(element, 'text', '')]
     places = [found.index(words) for words in (
-        'CAUSE FOUND, NOT IN THE MODEL', 'probability', 'drift of the probe relative to the table')]
+        'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL', 'probability', 'what moves, with what', 'law', 'size',
+        'possible origin')]
     assert places == sorted(places)
-    assert any(words.startswith('the probe moves by ') for words in found)
+    for begin in ('the probe moves by ', 'the probe moves with time', 'drift of the probe relative to the table ('):
+        assert any(words.startswith(begin) for words in found), begin
     assert not any('rosette ' in words for words in found)
     assert ['as modelled now', 'with the cause found'] in [
         [one.name for one in curves] for curves in drawn if isinstance(curves, list)]

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdicts in words, from facts alone."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
 
 from rosette_ros.core.diagnosis.diagnosis import Unnamed
+from rosette_ros.core.diagnosis.posterior import Cause
 from rosette_ros.core.diagnosis.verdict import MissingEffect, Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
@@ -12,10 +17,12 @@ from rosette_ros.core.stated_environment import Unseen
 from rosette_ros.presentation.formatting import glued
 from rosette_ros.words.effect_words import between_words
 from rosette_ros.words.verdict_words import (
+    HEADLINES,
     MOVES,
     NOTHING_TO_DO,
     chance,
     does_words,
+    missing_words,
     unexplained_words,
     unnamed_words,
     verdict_text,
@@ -26,6 +33,7 @@ PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'observable shar
            'stands twice; remove', 'norm of the part', 'NAMED EFFECT', 'is expected;', 'Bias of the curves per',
            'ct without it', 'p (noise alone)', 'are free of:', 'No three-rosette run can know')
 """Of these each interface says what the reader sees instead."""
+ALIKE = (('time', 'temperature', 'touches', 'travel'),)
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
 
 
@@ -50,19 +58,72 @@ def test_what_has_no_name_is_said_by_body_and_variable():
     assert unexplained_words(verdict) == unnamed_words(one)
 
 
-def test_a_cause_says_what_it_does_by_how_much_and_when():
-    """A step that a run places between two readings is said so; only what is significant is said of its axes."""
+def cause(bodies, variables, probability, laws, is_certain=False):
+    """Return what moves with what; laws: title of a law, its names joined by ' + ', and its probability."""
+    found = tuple((tuple(filter(None, law.split(' + '))), p) for law, p in laws.items())
+    places = tuple((SimpleNamespace(name=name, is_free=False), Setting()) for name in found[0][0])
+    return Cause(places, frozenset(bodies.split(' and ')), variables, probability, found, is_certain)
+
+
+def slip():
+    """Return ball 11, that slips, or creeps."""
     sizes = tuple(Parameter(f'd_{axis}', value, 1e-8, 'm') for axis, value in zip('xyz', (1.9e-6, -1e-9, 4e-7)))
-    slip = MissingEffect('ball_slip', Setting(ball=11, t0=2600.0), {'t0': (2244.0, 2982.0)}, 0.996,
-                         (('ball_creep', 0.04),), sizes)
-    text = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (slip,), hidden=('table_backlash',)))
-    assert text.sentence == ('Missing: slip of one ball. With it the error falls from 0.360 µm to 0.102 µm '
-                             '(repeatability 0.0910 µm).')
-    assert text.limits == ('This run cannot tell slip of one ball from creep of one ball (4 %).',
+    return MissingEffect('ball_slip', Setting(ball=11, t0=2600.0), {'t0': (2244.0, 2982.0)},
+                         cause('ball 11', (('time', 'touches'),), 0.996, {'ball_slip': 0.955, 'ball_creep': 0.041}),
+                         (('ball_creep', 0.041), ('ball_rattle', 0.05)), 0.996, sizes)
+
+
+def test_a_cause_says_what_it_does_by_how_much_and_when():
+    """What moves with what, then the laws; a step that a run places between two readings is said so; only what is
+    significant is said of its axes; what a run cannot tell apart is said once."""
+    text = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (slip(),), hidden=('table_backlash',)))
+    assert text.sentence == (
+        'Ball 11 moves with time (99 %), most like slip of one ball (96 %), creep of one ball (4 %). With it the '
+        'residual standard deviation falls from 0.360 µm to 0.102 µm (repeatability 0.0910 µm).')
+    assert text.limits == ('This run cannot tell slip of one ball from one ball between two seats (5 %).',
                            'This run could not have shown backlash of the table.')
-    assert does_words(slip) == 'ball 11 moves by 1.90 µm in x, 0.40 in z between 37.4 and 49.7 min'
+    assert does_words(slip()) == 'ball 11 moves by 1.90 µm in x, 0.40 in z between 37.4 and 49.7 min'
     assert between_words(60.0, 61.0) == 'between 1 and 1.017 min'
     assert (chance(0.9999), chance(1e-5)) == ('99 %', '1 %')
+
+
+@pytest.mark.parametrize(('one', 'wanted'), [
+    (MissingEffect('plate_deviations'), 'deviations of the plate'),
+    (replace(slip(), cause=replace(slip().cause, law_certain=True)), 'slip of one ball, ball 11 (96 %)'),
+    (MissingEffect('outlier', Setting(reading=48), {}, cause(
+        'reading 48', (('reading',),), 0.97, {'outlier': 0.97}, is_certain=True)),
+     'single wrong reading, reading 48 (97 %)'),
+    (MissingEffect('frame_drift', {}, {}, cause(
+        'frame', ALIKE, 0.99, {'frame_drift': 0.61, 'frame_warmup': 0.36, 'frame_step': 0.01})),
+     'the probe moves with time (the temperature and the angle that the table has turned run alike here) (99 %), most '
+     'like drift of the probe relative to the table (61 %), warm-up of the machine (36 %)'),
+    (MissingEffect('frame_drift', {}, {}, cause('frame', (('time', 'travel'),), 0.99, {
+        'frame_drift + frame_cycle': 0.8, '': 0.19})),
+     'the probe moves with time (the angle that the table has turned runs alike here) (99 %), most like drift of the '
+     'probe relative to the table and periodic motion of the machine (80 %), no law of the library (19 %)'),
+    (MissingEffect('frame_drift', {}, {}, cause('frame', ALIKE, 0.5, {'frame_drift': 0.5}),
+                   (('table_zero_drift', 0.42),), 0.92),
+     'drift of the probe relative to the table (50 %), or drift of the table\'s angle (42 %)')])
+def test_what_is_missing_is_said_as_far_as_it_is_known(one, wanted):
+    """Its name where the law is certain; what moves with what and the likeliest laws where that is surer than the
+    names; else the names, each with its probability."""
+    assert missing_words(one) == wanted
+
+
+def test_what_is_less_than_sure_is_suspected():
+    """Its headline says so, and there is something to do; without a name, too, and beside what is surer."""
+    one = replace(slip(), cause=replace(slip().cause, probability=0.8), together=0.8)
+    text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, (one,)))
+    assert text.sentence.startswith('Ball 11 moves with time (80 %), most like slip of one ball (96 %)')
+    assert text.action == 'Find it in the cell, or add it to the model.'
+    assert HEADLINES[text.outcome] == 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL'
+    text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, unnamed=(unnamed('plate growing', ['time']),)))
+    assert text.sentence.startswith('Something makes the plate grow or shrink with time; the library has no name')
+    assert text.action.startswith('Look at the residual maps, and check the cell for what the residual depends on')
+    assert text.level == 'doubtful' and text.model_fails
+    both = Verdict(Outcome.UNNAMED, BEFORE, AFTER, (one,), (unnamed('plate growing', ['time']),))
+    assert verdict_text(both).sentence.startswith('Ball 11 moves with time (80 %)')
+    assert 'Something makes the plate grow' in verdict_text(both).sentence
 
 
 def test_every_effect_says_what_it_does():

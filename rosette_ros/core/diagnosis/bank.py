@@ -29,8 +29,6 @@ Key = tuple[int, bool]
 """Number of columns of the blocks of a group, and whether they are free courses."""
 DEPENDENT = 1e-6
 """Eigenvalue of columns of unit length below which a direction is one of the others: rounding in single precision."""
-HIDDEN_SHARE = 0.05
-"""Visible share below which an order of measurement hides an effect."""
 WIDTHS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 72, 96, 144, 288, 576, 1152])
 """Numbers of columns of blocks that are looked at together; blocks of fewer are filled with zeros."""
 CHUNK = 4_000_000

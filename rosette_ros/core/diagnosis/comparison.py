@@ -10,11 +10,9 @@ from scipy import special
 from rosette_ros.core.diagnosis.bank import Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.model.base_entries import line_shares
 from rosette_ros.core.model.least_squares import Fit, fit
-from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import AXES, places
-from rosette_ros.core.records import Floats, Ints, Run, remove_gauge
+from rosette_ros.core.records import Floats, Ints, remove_gauge
 
 DRAWS = 400
 NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
@@ -175,18 +173,12 @@ def _change_without(fitted: Fit, reading: int) -> tuple[float, ...] | None:
     return tuple(np.abs(change).max(axis=0).tolist())
 
 
-def _on_grid(run: Run, displacement: Floats) -> Floats:
-    """Return a displacement (N, 3) on the grid of table and CMM positions of a complete run, (n, n, 3)."""
-    grid = np.zeros((run.n, run.n, 3))
-    grid[run.table_position - 1, run.cmm_position - 1] = displacement
-    return grid
-
-
 def _harmonics(fit: Fit) -> tuple[Harmonic, ...]:
     run, n = fit.run, fit.run.n
     if not run.is_complete:
         return ()
-    grid, total = _on_grid(run, fit.residual), np.sum(fit.residual**2)
+    grid, total = np.zeros((n, n, 3)), np.sum(fit.residual**2)
+    grid[run.table_position - 1, run.cmm_position - 1] = fit.residual
     lines = []
     for axis in range(3):
         spectrum = np.fft.fft2(grid[..., axis]) / n**2
@@ -200,52 +192,3 @@ def _harmonics(fit: Fit) -> tuple[Harmonic, ...]:
                 lines.append(Harmonic(AXES[axis], p, q if q <= n // 2 else q - n, float(abs(spectrum[p, q]) * both),
                                       float(power * n**2 / total) if total else 0.0))
     return tuple(sorted(lines, key=lambda line: -line.share)[:10])
-
-
-@dataclass(frozen=True, eq=False)
-class Spectrum:
-    """Sizes of the waves of table and CMM position in a displacement, and which of them the base model describes.
-
-    On the grid of table positions i and CMM positions k of a complete run, z and w = x + iy have the spectra
-    Z(p, q) = 1/n^2 sum z_ik exp(-2 pi i (p i + q k)/n) and W(p, q) likewise. Noise has the same expected size in all.
-
-    waves: (n,) p and q alike, in rising order, -n/2 <= p < n/2; axial, plane: (n, n) sizes by (p, q) of z and of x +
-    iy, m; axial_base, plane_base: (n, n) share of each point that the base model takes, 0, 1/2 or 1.
-    """
-
-    waves: Ints
-    axial: Floats
-    plane: Floats
-    axial_base: Floats
-    plane_base: Floats
-
-    @property
-    def left(self) -> Floats:
-        """Sizes where the base model does not take all, (2, n, n), m, zero elsewhere."""
-        return np.stack([self.axial * (self.axial_base < 1), self.plane * (self.plane_base < 1)])
-
-    @property
-    def seen(self) -> float:
-        """Share of the square sum that lies where the base model takes nothing, from 0 to 1."""
-        total = np.sum(self.axial**2) + np.sum(self.plane**2)
-        left = np.sum(self.axial**2 * (1 - self.axial_base)) + np.sum(self.plane**2 * (1 - self.plane_base))
-        return float(left / total) if total else 0.0
-
-
-def spectrum(run: Run, displacement: Floats, terms: tuple[str, ...] = BASE_TERMS) -> Spectrum:
-    """Return the Spectrum of a displacement (N, 3), m, on a complete run.
-
-    The mean of each axis is left out: a constant is no displacement between readings. terms: of the base model.
-
-    Raises NotDeterminable where the run is not complete.
-    """
-    if not run.is_complete:
-        raise NotDeterminable(f'{run.source}: a spectrum wants every ball once in every table '
-                              f'position, got {run.size} readings for n = {run.n}; use compare')
-    n = run.n
-    grid = _on_grid(run, displacement - displacement.mean(axis=0))
-    sizes = (np.abs(np.fft.fft2(part) / n**2) for part in (grid[..., 2], grid[..., 0] + 1j * grid[..., 1]))
-    frequency = np.fft.fftfreq(n)
-    order = np.argsort(frequency)
-    parts = (part[np.ix_(order, order)] for part in (*sizes, *line_shares(n, terms)))
-    return Spectrum(np.rint(frequency[order] * n).astype(int), *parts)

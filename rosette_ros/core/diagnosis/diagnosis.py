@@ -12,9 +12,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, families_of, why_not_judged
+from rosette_ros.core.diagnosis.bank import Bank, families_of, why_not_judged
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
-from rosette_ros.core.diagnosis.cross_validation import CrossValidation, WithoutBlocks
+from rosette_ros.core.diagnosis.cross_validation import CrossValidation, cross_validation_rms
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, State, with_priors
@@ -26,7 +26,7 @@ from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
@@ -370,7 +370,8 @@ class RunSearch:
         return self._final.effects[len(self.base.settings):]
 
     def _unnamed(self) -> tuple[Unnamed, ...]:
-        return tuple(Unnamed(cause.alternatives, one.setting.word('along'), one.setting, cause.probability)
+        return tuple(Unnamed(tuple(some | {'ball'} if cause.number('ball') else some for some in cause.alternatives),
+                             one.setting.word('along'), one.setting, cause.probability)
                      for one in self._without_name for cause in (self._cause_of(one),))
 
     def _invisible(self, missing: Sequence[str]) -> tuple[str, ...]:
@@ -406,31 +407,31 @@ def _candidates(search: RunSearch) -> tuple[tuple[Candidate, ...], tuple[tuple[s
     if search.noiseless:
         return tuple(out), ()
     evidence, blocks = search.evidence, CrossValidation(search.base.joint, search.run.size)
-    before = WithoutBlocks(blocks, evidence.empty)
+    before = evidence.empty
     for place, ((member, claim), fitted) in enumerate(zip(search.claimed, search.claimed_effects)):
         p = search.p_of_member(search.chosen.members.index(member))
-        out.append(_candidate(search, member, before, claim.probability, p, fitted.parameters, claim.alike))
-        before = WithoutBlocks(blocks, State(evidence, [one for one, _ in search.claimed[:place + 1]]))
+        out.append(_candidate(search, member, before, blocks, claim.probability, p, fitted.parameters, claim.alike))
+        before = State(evidence, [one for one, _ in search.claimed[:place + 1]])
     known = {one.name for one, _ in search.claimed}
-    offers = [one for one in before.state.offers(is_open=False) if one.family.name not in known]
+    offers = [one for one in before.offers(is_open=False) if one.family.name not in known]
     refused = []
     for offer in offers:
         member = evidence.member(offer.family, offer.setting, offer.volume)
-        if evidence.dof <= len(before.state.basis) + len(member.rows):
+        if evidence.dof <= len(before.basis) + len(member.rows):
             continue
         try:
             fitted = search.with_members([*(one for one, _ in search.claimed), member]).effects[-1]
-            out.append(_candidate(search, member, before, search.posterior.of(member.name), search.p(offer.gain),
-                                  fitted.parameters))
+            out.append(_candidate(search, member, before, blocks, search.posterior.of(member.name),
+                                  search.p(offer.gain), fitted.parameters))
         except NotDeterminable:
             refused.append((offer.family.name, 'its fit to these readings does not converge'))
     return tuple(out), tuple(refused)
 
 
-def _candidate(search: RunSearch, member: Member, before: WithoutBlocks, probability: float, p: float,
+def _candidate(search: RunSearch, member: Member, state: State, blocks: CrossValidation, probability: float, p: float,
                parameters: tuple[Parameter, ...], alike: Sequence[str] | None = None) -> Candidate:
     """Return the Candidate of a member beside a state; alike: None where it is not claimed."""
-    evidence, state = search.evidence, before.state
+    evidence = search.evidence
     scale, size = evidence.scale, 3 * search.run.size
     residual, basis = state.extended(member.rows)
     left, used = float(residual @ residual), len(state.basis) + _searched(state.members)
@@ -440,7 +441,7 @@ def _candidate(search: RunSearch, member: Member, before: WithoutBlocks, probabi
     share = min(float(np.sqrt(np.sum(member.rows**2) / max(len(member.rows), 1))), 1.0)
     return Candidate(
         member.name, dict(member.setting), probability, p, share, rms_before, rms_after,
-        scale * before.rms, scale * before.rms_with(member),
+        scale * blocks.rms(state.residual, state.basis), scale * blocks.rms(residual, basis),
         float(size * np.log(max(state.rss, 1e-300) / max(left, 1e-300)) - (more - used) * np.log(size)), parameters,
         tuple(alike or ()), alike is not None)
 
@@ -454,8 +455,7 @@ def _base_candidate(search: RunSearch, term: str) -> Candidate:
     run, after = search.run, search.base
     before = fit(run, after.model.without_effect(term), after.settings, after.noise)
     left, rss = (each.rms**2 * each.dof for each in (after, before))
-    error, error_with = (CrossValidation(each.joint, run.size).rms_of(each.white_residual.reshape(-1))
-                         for each in (before, after))
+    error, error_with = cross_validation_rms(before), cross_validation_rms(after)
     size, p = 3 * run.size, min(f_test(before, after) * (2**len(search.absent) - 1), 1.0)
     return Candidate(term, {}, 1 - p, p, 1.0, before.rms, after.rms, error, error_with,
                      float(size * np.log(rss / left) - (after.rank - before.rank) * np.log(size)), (), (), True)

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace, Reals
+from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace
 from rosette_ros.core.diagnosis.hypotheses import refined
-from rosette_ros.core.diagnosis.log_evidence import ROUNDING, Evidence, Member, State, turned_by
+from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, State
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.least_squares import Fit, fit, refused_as_hidden
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Run
 
 RELINEARISED = 4
 """How often a search is made again with the second-order terms of what it found."""
@@ -93,38 +93,16 @@ def _best(evidence: Evidence, others: Sequence[Member], place: int, term: Term) 
     return refined(evidence, member, lambda one: state.fall(one.rows), term.fixed)
 
 
-def grid_falls(state: State, residuals: Floats, is_open: bool = True) -> Floats:
-    """Return by how much each setting of the bank lowers the square sum of residuals (f, 3 N) beside the members of a
-    state by least squares, (settings, f); -inf where it is hidden. is_open: of free courses, too."""
-    evidence, count = state.evidence, len(residuals)
-    bank = evidence.bank
-    products = bank.products(np.concatenate([residuals, state.basis]), evidence.space.whitening, is_open)
-    out = np.full((bank.ends[-1], count), -np.inf)
-    for key, blocks in evidence.blocks.items():
-        if key in products and blocks.seen.size:
-            turned = turned_by(blocks.vector, products[key][blocks.seen])
-            out[blocks.number] = _falls(blocks.value, turned[..., :count], turned[..., count:])
-    return out
-
-
-def _falls(value: Reals, product: Reals, across: Reals) -> Floats:
-    """Return by how much blocks (b,) lower square sums (f,) beside what is there, (b, f).
-
-    value: (b, q) of their products; product: (b, q, f) with what is left; across: (b, q, k) with orthonormal rows that
-    are there."""
-    gram = np.eye(value.shape[1]) * value[:, None] - across @ across.transpose(0, 2, 1)
-    root, vector = np.linalg.eigh(gram) if gram.shape[1] > 1 else (gram[:, 0], np.ones_like(gram))
-    share = np.where(root > ROUNDING, 1 / np.maximum(root, ROUNDING), 0)
-    return np.asarray(np.sum(turned_by(vector, product)**2 * share[..., None], axis=1))
-
-
 def _check_choices(run: Run, term: Term) -> None:
+    """Raise where a fixed choice is none that this run offers, beside those before it."""
+    settings: Sequence[Setting] = term.effect.settings(run)
     for parameter in term.effect.searched:
         name = parameter.name
         if parameter.kind != 'choice' or name not in term.fixed:
             continue
-        known = sorted({setting[name] for setting in term.effect.settings(run)})
-        if term.fixed[name] not in known:
+        known = sorted({setting[name] for setting in settings})
+        settings = [setting for setting in settings if setting[name] == term.fixed[name]]
+        if not settings:
             if name == 'ball' and term.fixed[name] in range(1, run.n + 1):
                 raise NotDeterminable(f'{run.source}: {term.name} cannot be judged: ball {term.fixed[name]} was not '
                                       'measured')

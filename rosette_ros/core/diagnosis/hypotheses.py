@@ -246,7 +246,8 @@ class Search:
                 if rest.places in self._exhausted:
                     continue
                 self._exhausted.add(rest.places)
-                for child in self._with_one(rest, True, useful) if fewer < 2 else ():
+                # what is worth as much as two others need not be so on the grid
+                for child in self._with_one(rest, fewer < 2, useful if fewer < 2 else -np.inf):
                     yield self._settled(child) if child.log_evidence > near else child
                 yield from self._with_pool(rest, near, set(state.names) - set(rest.names))
 

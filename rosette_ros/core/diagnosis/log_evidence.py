@@ -20,8 +20,9 @@ from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
+from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.records import Floats, Ints, Run
 
 Place = tuple[CauseFamily, Setting]

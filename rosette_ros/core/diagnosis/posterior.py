@@ -3,7 +3,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import combinations, product
 
@@ -61,7 +61,7 @@ class Cause:
     surely it, no other one of the same motion being near by likelihood.
     """
 
-    places: tuple[Place, ...]
+    places: tuple[Place, ...] = field(compare=False)  # families belong to one search
     bodies: frozenset[str]
     variables: tuple[tuple[str, ...], ...]
     probability: float

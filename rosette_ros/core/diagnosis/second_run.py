@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, CauseFamily, columns_of
+from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
@@ -21,7 +21,7 @@ from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, kinds_beside
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.visibility import DETECTABLE
 from rosette_ros.core.records import Floats, Run
@@ -102,7 +102,7 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     if after.rms >= NOISELESS and not (noise := kinds_beside(after)[0].noise).is_white:
         before = fit(run, model, choose_settings(run, model, noise), noise)
         after = _with(before, usable)
-    error, error_with = _error(before), _error(after)
+    error, error_with = cross_validation_rms(before), cross_validation_rms(after)
     carried = _carried(before, usable)
     judged = iter(_judge(before, after, usable, error_with))
     effects = tuple(next(judged) if words is None else
@@ -110,7 +110,8 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
                     for (effect, fitted), words in zip(learnt, refused))
     outcomes = [entry.outcome for entry in effects if entry.outcome in (CONFIRMED, NOT_SEEN)]
     confirmed = all(outcome == CONFIRMED for outcome in outcomes) if outcomes else None
-    return CrossCheck(before, after, carried, error, error_with, _error(carried) if carried else float('nan'),
+    return CrossCheck(before, after, carried, error, error_with,
+                      cross_validation_rms(carried) if carried else float('nan'),
                       effects, confirmed)
 
 
@@ -137,12 +138,6 @@ def _with(before: Fit, pairs: Sequence[Learnt]) -> Fit:
     return fit(before.run, model, (*before.settings, *(term.fixed for term in terms)), before.noise)
 
 
-def _error(fitted: Fit) -> float:
-    """Return the error of the cross-validation of a fit whose settings are taken as known, m."""
-    terms = tuple(Term(term.effect, setting) for term, setting in zip(fitted.model.terms, fitted.settings))
-    return cross_validation_rms(fitted.run, replace(fitted, model=Model(fitted.model.base, terms, repeated=True)))
-
-
 def _carried(before: Fit, pairs: Sequence[Learnt]) -> Fit | None:
     """Return the fit of the run less what carries over with A's amplitudes, None without any."""
     moved = [_displacement(before.run, *pair) for pair in pairs if pair[0].carries == 'all']
@@ -161,7 +156,7 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
     out = []
     for place, (effect, fitted) in enumerate(pairs):
         without = _with(before, [*pairs[:place], *pairs[place + 1:]])
-        p, error_without = f_test(without, after), _error(without)
+        p, error_without = f_test(without, after), cross_validation_rms(without)
         found = after.effects[len(before.effects) + place]
         moved = after.joint.space.residual(_displacement(before.run, effect, fitted)[None])
         strength = float(np.linalg.norm(moved)) / after.sigma

@@ -35,20 +35,6 @@ def entries(n: int, table_position: Ints, ball: Ints,
     return z, x, y
 
 
-def line_shares(n: int, terms: tuple[str, ...] = BASE_TERMS) -> tuple[Floats, Floats]:
-    """Return what the base model takes of the two-dimensional spectra of a complete run, (n, n) of z and of w = x + iy.
-
-    On the grid (table position i, CMM position k) with frequencies (p, q) it is a set of lines: q = 0 (T), p = 0 (M),
-    p + q = 0 in z and 1 in w (P), q = +-1 in z (crx, cry), and of q = 1 in w the part with c(p) = -conj c(-p) (crz).
-    Shares are 1, 1/2 where crz takes half of a point that no other line takes, or 0.
-    """
-    p, q = np.meshgrid(np.arange(n), np.arange(n), indexing='ij')
-    table, plate, cmm = (term in terms for term in BASE_TERMS)
-    z = table & ((q == 0) | (q == 1) | (q == n - 1)) | plate & ((p + q) % n == 0) | cmm & (p == 0)
-    w = table & (q == 0) | plate & ((p + q) % n == 1) | cmm & (p == 0)
-    return z.astype(float), np.maximum(w, 0.5 * (table & (q == 1)))
-
-
 def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
     """Raise InvalidPlan, with what is missing, where the curves do not follow from the readings of a scheme.
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from rosette_ros.core.effects.effect import BodyMotion, Searched, Setting
+from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
 from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace, Basis
@@ -34,6 +35,8 @@ from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run
 
 HIDDEN = 1e-6
 """Visible share below which an effect is taken as hidden altogether (rounding is 1e-15)."""
+HIDDEN_SHARE = 0.05
+"""Visible share below which an order of measurement hides an effect, or a direction of a free course."""
 REFINED = ('scale', 'phase')
 """Kinds of searched parameters that have an uncertainty."""
 UNLIKELY = 1e-3
@@ -204,7 +207,7 @@ class JointSpace:
     def free(self, rows: NDArray[Real]) -> NDArray[Real] | Floats:
         """Return white rows (m, N, 3) freed of base model and effects."""
         free = self.space.free(rows)
-        if not self.q:
+        if not self.q or not len(free):
             return free
         flat: NDArray[Any] = free.reshape(len(free), -1)
         for _ in range(2):
@@ -302,13 +305,28 @@ class _Part:
                 if one.kind in kinds and one.name in self.setting and one.name not in self.term.fixed]
 
 
-def _parts(run: Run, model: Model, settings: Sequence[Mapping[str, float | str]]) -> list[_Part]:
+def _parts(run: Run, model: Model, settings: Sequence[Mapping[str, float | str]], space: BaseSpace) -> list[_Part]:
     parts, start = [], 0
     for term, setting in zip(model.terms, map(Setting, settings), strict=True):
         columns = np.moveaxis(term.effect.columns(run, setting), -1, 0)
+        if term.effect is FREE:
+            columns = _seen(columns, space)
         parts.append(_Part(term, setting, columns, slice(start, start + len(columns))))
         start += len(columns)
     return parts
+
+
+def _seen(columns: Floats, space: BaseSpace) -> Floats:
+    """Return columns (q, N, 3) freed of the mixes of them that the base model hides: amplitudes do not reach these."""
+    length = np.linalg.norm(columns, axis=(1, 2), keepdims=True)
+    unit = columns / np.where(length > 0, length, 1.0)
+    own, left = (rows.reshape(len(rows), -1) for rows in (space.whitening.apply(unit), space.residual(unit)))
+    size, mix = np.linalg.eigh(own @ own.T)
+    mix = mix[:, size > HIDDEN * size[-1]] / np.sqrt(size[size > HIDDEN * size[-1]])
+    share, turned = np.linalg.eigh((mix.T @ left) @ (mix.T @ left).T)
+    keep = mix @ turned[:, share >= HIDDEN_SHARE**2]
+    seen = np.linalg.qr(keep).Q if keep.size else keep
+    return np.asarray(length * np.tensordot(seen @ seen.T, unit, axes=1))
 
 
 def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, float | str]] = (),
@@ -324,7 +342,7 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
     lever = mean_radius(run)
     noise = noise or Noise()
     space = space or BaseSpace(run, lever, model.base, noise.whitening(run))
-    parts = _parts(run, model, settings)
+    parts = _parts(run, model, settings, space)
     columns = np.concatenate([np.zeros((0, run.size, 3)), *(part.columns for part in parts)])
     linear = JointSpace(space, columns, np.zeros((0, run.size, 3)))
     places = observed(run)

@@ -8,7 +8,6 @@ import numpy as np
 
 from rosette_ros.core.errors import counted
 from rosette_ros.core.planning.advice import GOOD_SHARE, planned_run
-from rosette_ros.core.planning.budget import MOST_BALLS
 from rosette_ros.core.planning.expectation import Expectation, expect
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import Floats
@@ -19,8 +18,8 @@ from rosette_ros.core.touches import USUAL_PACE, Pace
 NOTICED = 0.02
 """Relative differences of uncertainties and times that are not worth a word."""
 LISTED = 8
-SHARES, MOST_SETS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 1), 36
-"""Shares of the CMM positions, and most balls, for which the best sets are looked for."""
+SHARES, MOST_BALLS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 1), 36
+"""Shares of the CMM positions for which the best sets are looked for; of larger plates neither these nor effects."""
 Point = tuple[str, float, float]
 """Name, share N / n^2 of the readings of a complete run, uncertainty of the curves relative to it."""
 
@@ -73,7 +72,7 @@ def point_of(plan: Outlook) -> Point:
 
 def best_sets(n: int) -> list[tuple[float, float]]:
     """Return share and relative uncertainty of the best sets of CMM positions of n balls, for some shares."""
-    sizes = sorted({max(fewest_members(n), round(n * share)) for share in SHARES}) if n <= MOST_SETS else []
+    sizes = sorted({max(fewest_members(n), round(n * share)) for share in SHARES}) if n <= MOST_BALLS else []
     return [(size / n, penalty(n, best_members(n, size))) for size in sizes]
 
 

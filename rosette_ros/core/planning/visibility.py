@@ -12,10 +12,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, CauseFamily, CoordinateSpace, why_not_judged
+from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace, why_not_judged
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.base_space import BaseSpace
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.records import Floats, Run
 

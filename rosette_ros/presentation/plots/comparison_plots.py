@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rosette_ros.analysis import LadderStep
-from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE
 from rosette_ros.core.diagnosis.diagnosis import Candidate
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import Floats
 from rosette_ros.presentation.formatting import CROSS_VALIDATION, VISIBLE, percent

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.planning.plan_comparison import Outlook, Point, best_sets, point_of
 from rosette_ros.core.records import Ints, Run

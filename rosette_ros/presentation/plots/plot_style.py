@@ -19,6 +19,8 @@ from matplotlib.ticker import MaxNLocator
 from rosette_ros.core.records import Floats
 from rosette_ros.io.text_file import write_bytes
 
+mpl.rcParams.update({key: value for key, value in dict.items(mpl.rcParamsDefault) if key != 'backend'})
+"""A matplotlibrc is for its owner's figures: here a result looks the same on every computer."""
 INK, GRID, GREY = '#222222', '#d9d9d9', '#666666'
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#56b4e9', '#e69f00')
 """Palette of Okabe and Ito (2008), in the order of use."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Residuals: maps by table position and ball, over time and angle, their distribution, their spectra."""
+"""Residuals: maps by table position and ball, over time and angle, their distribution."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,27 +9,23 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
-from rosette_ros.core.diagnosis.comparison import Spectrum
-from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.presentation.formatting import fixed, percent
+from rosette_ros.core.records import Floats, Run
+from rosette_ros.presentation.formatting import fixed
 from rosette_ros.presentation.plots import plot_style as style
 
 ANGLES = {angle: str(angle) for angle in range(0, 301, 60)}
 AXES = ('x', 'y', 'z')
 LOOKS = ((style.BEFORE, 3.4, style.DASHED), (style.AFTER, 2.4, '-'))
 """Colour, size of the dots and line of their mean, before and after the identified effects are added."""
-MAP, ROW, WAVES = 1.4, 2.15, 1.7
-"""Heights in inches: of a residual map, of a row of them, of a map of waves."""
+MAP, ROW = 1.4, 2.15
+"""Heights in inches: of a residual map, of a row of them."""
 SECTIONS, LEAST_MEAN = 12, 6
 """Most means of neighbours along a line, and how many readings one is made of at least."""
 WIDE = 12
 """Histograms end so many sigma from zero; what lies beyond is counted in the last bar."""
-ABSORBED = ListedColormap([(0.93, 0.93, 0.93)])
-MOST_NUMBERS = 7
 SMALL: dict[str, Any] = {'fontsize': style.SMALL, 'color': style.INK}
 CENTRED: dict[str, Any] = {'loc': 'center', 'pad': 4, 'fontsize': style.TEXT}
 
@@ -194,54 +190,3 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
     style.scale(panel, grid='y', steps=(8, 4))
     panel.legend(frameon=False, fontsize=style.TEXT, loc='upper right')
     return made
-
-
-@dataclass(frozen=True, eq=False)
-class SpectrumRow:
-    """A Spectrum with its name; residual: whether it is one, with empty lines of the base model."""
-
-    label: str
-    spectrum: Spectrum
-    residual: bool = False
-
-
-def spectrum_maps(rows: Sequence[SpectrumRow], noise: float | None = None) -> Figure:
-    """Return maps (z; x and y) of spectra, µm; grey: absorbed by the base model; noise: sigma of a coordinate, m."""
-    height = 2.5 * len(rows) + 0.2
-    made = style.figure(height)
-    limit = 1e6 * max(max(row.spectrum.left.max() for row in rows), 1e-15)
-    for place, row in enumerate(rows):
-        found = row.spectrum
-        _heading(made, 1 - (2.5 * place + 0.03) / height, row.label if row.residual else
-                 f'{row.label}  ({percent(found.seen)} off the lines of the base model)')
-        bottom = 1 - (2.5 * place + 0.4 + WAVES) / height
-        for side, (name, size, base) in enumerate((('z', found.axial, found.axial_base),
-                                                   ('x and y', found.plane, found.plane_base))):
-            panel = made.add_axes((0.08 + 0.415 * side, bottom, 0.375, WAVES / height))
-            _spectrum_map(panel, found.waves, 1e6 * size, base, limit, row.residual)
-            style.title(panel, f'waves of the {"residual" if row.residual else "effect"} in {name}', **CENTRED)
-            panel.set_xlabel('waves per turn of CMM positions', **SMALL)
-            if side == 0:
-                panel.set_ylabel('waves per turn of the table', **SMALL)
-        style.colour_bar(made.add_axes((0.965, bottom, 0.014, WAVES / height)), 0, limit, 'µm', True, 'cividis')
-    if noise is not None:
-        n = len(rows[0].spectrum.waves)
-        made.text(0.995, 0.004, f'expected of noise: about {1e6 * noise / n:.2g} µm in z, '
-                  f'{1e6 * noise * np.sqrt(2) / n:.2g} µm in x and y; hatched: absorbed by the base model',
-                  ha='right', va='bottom', **SMALL)
-    return made
-
-
-def _spectrum_map(panel: Axes, waves: Ints, size: Floats, base: Floats, limit: float, hide: bool) -> None:
-    """Draw sizes, µm; base: share of each that the base model absorbs; hide: whether the sizes absorbed whole."""
-    edge = (waves[0] - 0.5, waves[-1] + 0.5, waves[0] - 0.5, waves[-1] + 0.5)
-    whole = base >= 1
-    panel.imshow(np.ma.masked_where(whole & hide, size), cmap='cividis', vmin=0, vmax=limit, origin='lower',
-                 extent=edge, aspect='auto', interpolation='none')
-    panel.imshow(np.ma.masked_where(~whole, base), cmap=ABSORBED, origin='lower', extent=edge, aspect='auto',
-                 interpolation='none', alpha=1.0 if hide else 0.55)
-    y, x = (waves[index] for index in np.nonzero(whole))
-    ends = np.stack([x - 0.5, y - 0.5, x + 0.5, y + 0.5], axis=1)
-    panel.add_artist(style.segments(ends.reshape(-1, 2), edgecolor=style.GREY, linewidth=0.6))
-    texts = {int(one): fixed(float(one), 0) for one in waves[waves % max(1, len(waves) // MOST_NUMBERS) == 0]}
-    style.scale(panel, texts, texts, grid='')

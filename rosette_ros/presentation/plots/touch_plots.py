@@ -1,23 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Touches: their residuals, the radii of the spheres, and maps of the form of the balls and the lobing of the probe."""
+"""Touches: their residuals, and the radii of the spheres."""
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from rosette_ros.core.geometry import Floats, Ints
-from rosette_ros.core.sphere_refit import RING, SECTOR, SphereRefit
-from rosette_ros.presentation.formatting import MICRO_DECIMALS, at_least, fixed
+from rosette_ros.core.sphere_refit import SphereRefit
+from rosette_ros.presentation.formatting import fixed
 from rosette_ros.presentation.plots import plot_style as style
 
 MOST_DOTS = 4000
 """Of more touches the largest residuals and an even choice of the others are drawn."""
-MOST_BALLS, COLUMNS = 14, 5
-"""Maps of balls in a figure, beside that of the probe; of more balls those with the largest form."""
-CELL, TOP = 1.3, 0.26
-"""Height of a row of maps and of its titles, inch."""
-ARC = np.radians(np.linspace(-0.5, 0.5, 4) * SECTOR)
 
 
 def touch_residuals(refit: SphereRefit) -> Figure:
@@ -72,46 +66,3 @@ def _radii(panel: Axes, refit: SphereRefit) -> None:
               ylabel='difference in µm')
     style.title(panel, f'radius of each sphere less the mean, {fixed(1e3 * float(refit.radius.mean()), 5)} mm')
     style.scale(panel, steps=(10, 5))
-
-
-def touch_directions(refit: SphereRefit) -> Figure:
-    """Return maps of mean residuals seen from the pole: of the probe (all balls, machine), of each ball (plate)."""
-    lobing, forms = refit.lobing, refit.ball_forms
-    shown = np.sort(np.argsort(-forms.systematic)[:MOST_BALLS])
-    maps = [('probe', lobing.mean, float(lobing.systematic)), *(
-        (f'ball {refit.balls[place]}', forms.mean[place], float(forms.systematic[place])) for place in shown)]
-    limit = 1e6 * max(max(float(np.nanmax(np.abs(mean))) for _, mean, _ in maps), 1e-15)
-    rows = -(-len(maps) // COLUMNS)
-    height = rows * (CELL + TOP) + 0.05
-    made = style.figure(height)
-    reach = RING * (1 + max(int(np.flatnonzero(np.isfinite(mean).any(axis=1)).max()) for _, mean, _ in maps))
-    for place, (name, mean, size) in enumerate(maps):
-        row, column = divmod(place, COLUMNS)
-        bottom = 1 - ((row + 1) * (CELL + TOP)) / height
-        panel = made.add_axes((0.005 + 0.185 * column, bottom, 0.18, CELL / height))
-        _map(panel, 1e6 * mean, limit, reach)
-        words = f'{at_least(1e6 * size, MICRO_DECIMALS)} µm' if size else 'noise only'
-        style.title(panel, f'{name}: {words}', loc='center', fontsize=style.TEXT, pad=3)
-    style.colour_bar(made.add_axes((0.968, 1 - (CELL + TOP) / height, 0.014, 0.93 * CELL / height)), -limit, limit,
-                     'µm', True)
-    return made
-
-
-def _map(panel: Axes, mean: Floats, limit: float, reach: float) -> None:
-    """Draw a map (RINGS, SECTORS), µm, seen from the pole: the distance from the middle is the angle from it."""
-    ring, sector = np.nonzero(np.isfinite(mean))
-    middle = np.radians(sector * SECTOR)[:, None]
-    outline = np.concatenate([middle + ARC, middle + ARC[::-1]], axis=1)
-    away = np.concatenate([(ring * RING)[:, None] + 0 * ARC, ((ring + 1) * RING)[:, None] + 0 * ARC], axis=1)
-    corners = np.stack([away * np.cos(outline), away * np.sin(outline)], axis=-1)
-    panel.add_collection(PolyCollection(list(corners), array=mean[ring, sector], cmap=style.DIVERGING,
-                                        clim=(-limit, limit), edgecolors='white', linewidths=0.4))
-    x, y = (np.asarray((ring + 0.5) * RING * part(middle[:, 0]), dtype=float) for part in (np.cos, np.sin))
-    style.mark_negative(panel, x, y, mean[ring, sector], limit, 6.0)
-    turn = np.linspace(0, 2 * np.pi, 91)
-    for angle, look in ((30, ':'), (60, ':'), (90, '-')):
-        panel.plot(angle * np.cos(turn), angle * np.sin(turn), look, color=style.GREY, linewidth=0.7)
-    panel.annotate('x', (reach, 0), (reach + 9, 0), fontsize=style.SMALL, color=style.INK, ha='center', va='center')
-    edge = reach + 15
-    panel.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect='equal')
-    panel.set_axis_off()

@@ -19,6 +19,7 @@ from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.open_run import is_log, open_run, stated
+from rosette_ros.io.text_file import regular
 from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.formatting import instant
 
@@ -84,7 +85,7 @@ def source_of(path: Path | str, log: LogRun, run: Run, file: Path | str | None =
 def digest(path: Path | str) -> FileDigest:
     """Return the FileDigest of a file."""
     try:
-        with open(path, 'rb') as stream:
+        with open(path, 'rb', opener=regular) as stream:
             found = hashlib.file_digest(stream, 'sha256').hexdigest()
             return FileDigest(str(path), stream.tell(), found)
     except OSError as error:

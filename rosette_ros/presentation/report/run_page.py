@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Summary, explanations_of
 from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.error_summary import difference, doubt_of, fit_lines, refuted
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import BaseSpace
@@ -36,7 +35,7 @@ from rosette_ros.presentation.plots import (
     touch_plots,
 )
 from rosette_ros.presentation.plots.budget_plots import budget_bars
-from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
+from rosette_ros.presentation.plots.residual_plots import Residuals
 from rosette_ros.presentation.plots.result_plots import Series, deviations, polar_motions, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
@@ -47,7 +46,7 @@ from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.result_words import comparison_words
 from rosette_ros.words.verdict_words import HEADLINES, title_of, verdict_text
 
-MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES, MOST_WEAK = 8, 3, 3, 5
+MOST_CANDIDATES, MOST_SHARES, MOST_WEAK = 8, 3, 5
 COLUMNS = {'candidates': ('title', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
            'spheres': ('ball', 'readings', 'radius_mm', 'form_um', 'largest_form_um', 'systematic_um', 'p', 'moved_um'),
            'visibility': ('title', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
@@ -134,15 +133,13 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
         'residuals_against': residual_plots.against(rows, run.repeatability),
         'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for _, one in fits]),
         'noise': noise_plots.noise(summary.final),
-        **({'spectrum': _spectrum(summary)} if run.is_complete else {}),
         'ladder': comparison_plots.ladder(summary.ladder, run.repeatability, run.repeatability_dof),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
         **({'shapes': shape_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
         'pairs': plan_plots.pairs_in_order(run),
         **({} if run.is_complete else {'uncertainty': plan_plots.uncertainty_by_share(run.n, [_point(run)])}),
         'visibility': _visibility(summary),
-        **({'touch_residuals': touch_plots.touch_residuals(refit),
-            'touch_directions': touch_plots.touch_directions(refit)} if refit else {})}
+        **({'touch_residuals': touch_plots.touch_residuals(refit)} if refit else {})}
 
 
 def _differences(motions: ErrorMotions, overlays: Sequence[Series]) -> list[Series]:
@@ -205,15 +202,6 @@ def fits_of(summary: Summary) -> list[tuple[str, Fit]]:
     if summary.found is None:
         return [(base_name(summary.model) if not summary.model.terms else 'model as given', summary.fit)]
     return [(text.NOW, summary.fit), (text.FOUND, summary.found)]
-
-
-def _spectrum(summary: Summary) -> Figure:
-    run, final = summary.run, summary.final
-    rows = [SpectrumRow(f'residual of the {"model" if summary.model.terms else base_name(summary.model)}',
-                        spectrum(run, summary.fit.residual, summary.model.base), True)]
-    rows += [SpectrumRow(effect.name, spectrum(run, effect.displacement, final.model.base))
-             for effect in final.effects[len(summary.model.terms):][:MOST_SPECTRA]]
-    return residual_plots.spectrum_maps(rows, run.repeatability)
 
 
 def _visibility(summary: Summary) -> Figure:

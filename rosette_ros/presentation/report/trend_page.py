@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a trend: what changed when, when tolerances are reached, errors over time, control charts."""
+"""The page of a trend: what changed when, when tolerances are reached, errors over time."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,8 +16,7 @@ from rosette_ros.presentation.table_format import Table
 def trend_html(serial: str, model_hash: str, dates: Dates, sentences: Sequence[str], tables: Sequence[Table],
                pictures: Mapping[str, Figure], command: str = '', simulated: Sequence[str] = ()) -> str:
     """Return the trend of a table as one HTML text. sentences: what it says;
-    tables: changes, forecast, charts, by name; pictures: ranges, harmonics, summary, and control_chart where
-    something changed; simulated: names of the runs that were."""
+    tables: changes, forecast; pictures: ranges; simulated: names of the runs that were."""
     return PAGES.get_template('trend.html.j2').render(
         serial=serial, model_hash=model_hash, dates=dates, sentences=sentences,
         tables={table.name: table for table in tables}, pictures=inline_svgs(pictures), command=command,

@@ -23,6 +23,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import same_angles
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, Ints
+from rosette_ros.io.text_file import regular
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words
 from rosette_ros.presentation.plots.result_plots import Extra, Series, differences, six_curves
@@ -196,7 +197,7 @@ def read_maker(path: Path | str) -> MakerTable:
     try:
         if Path(path).stat().st_size > LARGEST_FILE:
             raise InvalidData(f'{path}: wanted a table of at most {LARGEST_FILE} bytes, got more')
-        with open(path, encoding='utf-8-sig', newline='') as stream:
+        with open(path, encoding='utf-8-sig', newline='', opener=regular) as stream:
             rows = list(csv.reader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InvalidData(f"{path}: wanted a readable table of the maker's corrections, got: {error}") from error
