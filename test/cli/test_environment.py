@@ -109,3 +109,21 @@ def test_the_report_states_it(rosette, table, tmp_path):
     assert rosette('report', table, '--environment', 'workshop', '-o', page).code == 0
     text = page.read_text()
     assert 'environment: workshop' in text and 'hidden: ' in text
+
+
+def test_a_certificate_states_environment_and_class(rosette, table, tmp_path):
+    """It decides nothing without one; with one it says which, with its numbers and their sources."""
+    identity = tmp_path / 'id.yaml'
+    identity.write_text("schema: rosette-identity/1\ncertificate: {number: '7'}\nlaboratory: {country: DE}\n"
+                        'measured: {begin: 2026-11-27}\ntolerances: {EZC: 40 µm}\n')
+    said = []
+    for place, words in enumerate(([], ['--environment', 'laboratory'])):
+        path = tmp_path / f'{place}.xml'
+        assert rosette('certificate', table, '--identity', identity, '-o', path, *words).code == 0
+        said.append(path.read_text())
+    assert 'not stated: U lacks what the order of measurement cannot show' in said[0]
+    assert 'no environment is stated, and U lacks what this order cannot show' in said[0]
+    assert 'laboratory: machine against table 0.3 µm' in said[1] and 'no environment is stated' not in said[1]
+    assert 'hidden: ' in said[1] and 'drift test' not in said[0]
+    assert 'nor among those of the environment (laboratory)' in said[1]
+    assert 'not decidable' in said[0] and 'conforms' in said[1]
