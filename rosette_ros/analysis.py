@@ -18,17 +18,20 @@ from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, find, fitted_with_noise, judge
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, find, fitted_with_noise, judge
 from rosette_ros.core.diagnosis.effect_settings import choose_settings, families_of_terms
+from rosette_ros.core.diagnosis.explained import explained
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
+from rosette_ros.core.model.surroundings import unseen
 from rosette_ros.core.planning.advice import Advice, advise, advise_run
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import ErrorMotions, Floats, Run
+from rosette_ros.core.stated_environment import Environment
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
 """Parts of a summary in the order in which they are calculated."""
@@ -45,6 +48,17 @@ def analyse(run: Run, model: Model | None = None) -> Fit:
     """
     model = model or Model()
     return fitted_with_noise(run, model, fit(run, model, choose_settings(run, model)), run.n <= MOST_BALLS_JUDGED)
+
+
+def in_environment(verdict: Verdict, final: Fit, environment: Environment | None) -> Verdict:
+    """Return the verdict on a run with what U of its final fit contains in an environment, None where none is stated.
+    """
+    return verdict if environment is None else replace(verdict, unseen=unseen(final, environment))
+
+
+def explanations_of(found: Finding, fitted: Fit) -> tuple[tuple[float, Fit], ...]:
+    """Return the explanations of a run, fits with probabilities; none for a fit that lacks what is claimed."""
+    return () if found.missing and fitted is not found.final else explained(found.fit.run, found.model)
 
 
 def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMotions:
@@ -148,7 +162,7 @@ class Summary:
 
     fit, comparison, diagnosis: of the model as given; ladder: from the base model over the model to all that is
     claimed, effect after effect; advice: for the next run, None where there are too many balls to compare orders
-    unasked.
+    unasked; environment: that is stated, None where none is.
     """
 
     fit: Fit
@@ -156,6 +170,7 @@ class Summary:
     diagnosis: Diagnosis
     ladder: tuple[LadderStep, ...]
     advice: Advice | None
+    environment: Environment | None = None
 
     @property
     def run(self) -> Run:
@@ -180,7 +195,7 @@ class Summary:
     @property
     def verdict(self) -> Verdict:
         """The one verdict."""
-        return self.diagnosis.verdict
+        return in_environment(self.diagnosis.verdict, self.final, self.environment)
 
     def lines(self, tolerances: Mapping[str, float] | None = None) -> tuple[AxisError, ...]:
         """The six errors in a line each, as modelled now; tolerances: of ranges by curve, m and rad."""
@@ -233,4 +248,4 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
 __all__ = [
     'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'Known', 'LadderStep', 'Summary', 'Verdict', 'advise',
     'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'evaluate_jointly',
-    'find', 'judge', 'ladder', 'summarise']
+    'explanations_of', 'find', 'in_environment', 'judge', 'ladder', 'summarise']

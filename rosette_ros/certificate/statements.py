@@ -12,20 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, explanations_of, find, in_environment
+from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.verdict import VerdictText
-from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
+from rosette_ros.core.error_summary import AxisError, doubt_of, refuted, stated_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_lines
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.records import ErrorMotions, Floats, Run
-from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, probability_of_u, touch_scatter
+from rosette_ros.core.uncertainty_budget import Budget, budget, probability_of_u, touch_scatter
 from rosette_ros.io.budget_file import budget_inputs
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity, open_readings
 from rosette_ros.io.reading_checks import temperature_words
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.budget_results import beyond_words, environment_words
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
@@ -149,18 +153,22 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
     identity, contradictions = source.identity.with_changes(inputs.identity)
     limits = identity.limits(run.rotation)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
-    verdict = verdict_text(judge(fit.run, fit.model)) if run.n <= MOST_BALLS_JUDGED else None
+    given, verdict = budget_inputs(inputs.budget) if inputs.budget else BudgetInputs(), None
+    explanations: tuple[tuple[float, Fit], ...] = ()
+    if run.n <= MOST_BALLS_JUDGED:
+        found = find(fit.run, fit.model)
+        verdict = verdict_text(in_environment(found.verdict, found.final, given.environment))
+        explanations = explanations_of(found, fit) if given.environment else ()
     measured, doubt, made = _measured(run, source), doubt_of(verdict), None
     refit, untouched = touches_of(source)
     if inputs.budget or run.n <= MOST_BALLS:
-        made = budget(fit, budget_inputs(inputs.budget) if inputs.budget else None,
-                      touch_scatter(refit), doubt=doubt)
-    motions, lines = (made.error_motions, made.lines(limits, doubt)) if made and inputs.budget else (
-        fit.error_motions, fit_lines(fit, limits, doubt))
+        made = budget(fit, given, touch_scatter(refit), doubt=refuted(verdict), explanations=explanations)
+    motions, lines = stated_lines(fit, made if inputs.budget else None, limits, doubt)
     facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks))  # what to do is no result
     unknown = [*text.not_known(facts, fit.gauge), *(verdict.limits if verdict else ()), *untouched]
     evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
-                  ('Uncertainty', text.uncertainty_words(fit)))
+                  ('Uncertainty', text.uncertainty_words(fit)),
+                  ('Environment', environment_words(given.environment)))
     dof = float(made.effective_dof.min()) if made else fit.dof
     return _stated(inputs, identity, contradictions, [measured], [CurveSet('table', motions, lines, dof)], verdict,
                    evaluation, unknown, source.files, made)
@@ -206,7 +214,7 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], r
     _check_issue(identity['certificate.date'], days[1])
     least = min(one.probability for one in sets)
     content = (f'U (k = 2, about {100 * least:.0f} %) {OF_BUDGET if made else CONTENT_OF_U}; it does not contain '
-               f'effects that are not in the model, nor {lacking_in_u(made)}.')
+               f'effects that are not in the model{beyond_words(made)}, nor {lacking_in_u(made)}.')
     further = [
         'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',
         *(f'Contradiction: {words}.' for words in contradictions), content]

@@ -33,6 +33,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'run, in this folder)')
     parser.add_argument('--pdf', metavar='FILE', help='write it for people, too: two pages, the XML attached')
     add_shared(parser, '--inputs', help=f'{SHARED["--inputs"]["help"]}; U is that of the budget then')
+    add_shared(parser, '--environment')
     parser.add_argument('--verify', metavar='CERT', help='compare a certificate with its run instead: curves, hash, '
                         'all that is in it')
     add_shared(parser, '--json', help='with --verify: print one JSON object and nothing else')
@@ -66,7 +67,7 @@ def make(options: Namespace) -> None:
         identity, identity['certificate.date'] or date.today().isoformat(),
         read_model(options.model).to_mapping() if options.model else None, options.run_id, several,
         read_sharing(options.share, len(options.run_path)) if several else {},
-        read_stated(options.inputs) if options.inputs else None))
+        read_stated(options.inputs, options.environment)))
     data = to_xml(certificate)
     made = pages(certificate, data, path.name) if options.pdf else b''
     write_bytes(path, data, options.force)
@@ -109,7 +110,7 @@ def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
 
 def check(options: Namespace) -> None:
     """Compare a certificate with its run; raises InvalidData where it is another one."""
-    for name in ('output', 'pdf', 'identity', 'model', 'share', 'inputs'):
+    for name in ('output', 'pdf', 'identity', 'model', 'share', 'inputs', 'environment'):
         if getattr(options, name):
             raise UsageError(f'--{name}: does not go with --verify, which takes all from the certificate; leave it out')
     found = verify_certificate(read_limited(options.verify, 'a certificate', MOST_BYTES), options.verify,

@@ -24,7 +24,7 @@ from rosette_ros.analysis import (
     judge,
     ladder,
 )
-from rosette_ros.cli.arguments import add_formats, add_shared, picture_file, plots
+from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, picture_file, plots
 from rosette_ros.cli.console import (
     COLOURS,
     console,
@@ -41,13 +41,12 @@ from rosette_ros.cli.data import broken_off, counts_of
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.diagnosis.comparison import Comparison
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.free import FREE
-from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
+from rosette_ros.core.error_summary import doubt_of, fit_lines, stated_lines
 from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.joint.conclusion import conclude
-from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.bag_metadata import runs_in
@@ -58,6 +57,7 @@ from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation import joint_results as results
 from rosette_ros.presentation import tables
+from rosette_ros.presentation.budget_results import environment_json, environment_words, hidden_table
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.explanation_results import causes, explanations
 from rosette_ros.presentation.formatting import FOUND, NOW, micrometres, uncertainty_words
@@ -88,13 +88,16 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity', '--refit-spheres')
+    add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
 def run_evaluate(options: Namespace) -> None:
     """Print the evaluation."""
     if is_joint(options):
+        for name in ('inputs', 'environment'):
+            if getattr(options, name):
+                raise UsageError(f'evaluate: --{name} goes with one RUN only; leave it out')
         evaluate_runs_jointly(options)
         return
     opened, refit = Opened(options, options.run_path[0]), None
@@ -103,33 +106,33 @@ def run_evaluate(options: Namespace) -> None:
     fit, tolerances = opened.fit, opened.identity.limits(opened.run.rotation)
     if options.csv or opened.verdict is None:
         warn(fit.run)
+    made = opened.budget_of(fit)
+    motions, lines = stated_lines(fit, made, tolerances, doubt_of(opened.verdict))
     if options.csv:
-        sys.stdout.write(curves(fit.error_motions).csv())
+        sys.stdout.write(curves(motions).csv())
         return
-    lines = fit_lines(fit, tolerances, doubt_of(opened.verdict))
+    final = opened.finding.with_cause if opened.finding else None
+    best = opened.budget_of(final) if final else None
     if options.json:
         spheres = {'spheres': spheres_json(refit)} if refit else {}
-        print_json({**evaluation_json(fit, opened.verdict, lines,
-                                      opened.finding.with_cause if opened.finding else None), **spheres})
-    else:
-        show_evaluation(options, fit, opened.finding, lines)
-        if refit:
-            print_parts(console(), [sphere_table(refit), pairs(sphere_rows(refit))])
-
-
-def show_evaluation(options: Namespace, fit: Fit, found: Finding | None, lines: Sequence[AxisError]) -> None:
-    """Print the evaluation; found: None where the plate has too many balls to judge it unasked; lines: of errors."""
+        print_json({**evaluation_json(fit, opened.verdict, lines, final, made, best), **environment_json(best or made),
+                    **spheres})
+        return
     out = console()
     out.print(head(fit.run))
-    if found:
-        print_card(out, found.verdict, options.run_path[0], options.model)
+    if opened.verdict:
+        print_card(out, opened.verdict, options.run_path[0], options.model)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
-    final = found.with_cause if found else None
+    found, found_lines = stated_lines(final, best) if final else (None, ())
+    told = best or made
     print_parts(out, [
-        errors(lines, found=fit_lines(final) if final else ()), curves(fit.error_motions, NOW if final else ''),
-        *([curves(final.error_motions, FOUND)] if final else []), deviations(fit),
-        fitted_effects(fit.effects, 'Effects in the model'), pairs(fit_rows(fit))])
+        errors(lines, found=found_lines), curves(motions, NOW if found else ''),
+        *([curves(found, FOUND)] if found else []), hidden_table(told) if told else None, deviations(fit),
+        fitted_effects(fit.effects, 'Effects in the model'),
+        pairs([*fit_rows(fit), *([('Environment', environment_words(told.inputs.environment))] if told else [])])])
+    if refit:
+        print_parts(out, [sphere_table(refit), pairs(sphere_rows(refit))])
 
 
 def evaluate_runs_jointly(options: Namespace) -> None:

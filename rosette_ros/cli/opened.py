@@ -6,19 +6,24 @@ from functools import cached_property
 
 from rich.console import Console
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, explanations_of, find, in_environment
 from rosette_ros.cli.console import head, print_verdict, warn
+from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
 from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.uncertainty_budget import Budget, budget
+from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_identified
 from rosette_ros.words.verdict_words import verdict_text
 
 
 class Opened:
-    """RUN with --run-id and --identity, --model, and what follows from them; a verb without such an option gives none.
+    """RUN with --run-id and --identity, --model, --inputs and --environment, and what follows from them; a verb without
+    such an option gives none.
 
     path: of another run than RUN, or of the first where there are several."""
 
@@ -27,11 +32,18 @@ class Opened:
         self.path: str = given['run_path'] if path is None else path
         self.run, self.identity, _ = open_identified(self.path, given.get('run_id'), given.get('identity'))
         self._model_file: str | None = given.get('model')
+        self._stated: tuple[str | None, str | None] = given.get('inputs'), given.get('environment')
 
     @cached_property
     def model(self) -> Model:
         """That of the file, the base model without one."""
         return read_model(self._model_file)
+
+    @cached_property
+    def inputs(self) -> BudgetInputs | None:
+        """What is stated for the uncertainty budget, None where nothing is."""
+        stated = read_stated(*self._stated)
+        return budget_inputs(stated, self._stated[0] or 'budget inputs') if stated else None
 
     @cached_property
     def fit(self) -> Fit:
@@ -46,7 +58,16 @@ class Opened:
     @property
     def verdict(self) -> Verdict | None:
         """The verdict, None as for `finding`."""
-        return self.finding.verdict if self.finding else None
+        return in_environment(
+            self.finding.verdict, self.finding.final, self.inputs.environment if self.inputs else None
+        ) if self.finding else None
+
+    def budget_of(self, fit: Fit) -> Budget | None:
+        """Return the budget of a fit, None where nothing is stated."""
+        if not self.inputs:
+            return None
+        explanations = explanations_of(self.finding, fit) if self.finding and self.inputs.environment else ()
+        return budget(fit, self.inputs, doubt=refuted(self.verdict), explanations=explanations)
 
     def begin(self, out: Console) -> None:
         """Print what was measured, and the verdict or, where there is none, what is wrong with the readings."""

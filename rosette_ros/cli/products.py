@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import MofNCompleteColumn, Progress
 
 from rosette_ros import command
-from rosette_ros.analysis import evaluate_jointly
+from rosette_ros.analysis import evaluate_jointly, explanations_of
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
@@ -21,11 +21,10 @@ from rosette_ros.core.budget_monte_carlo import MonteCarlo, monte_carlo
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.correction_check import backward_share, check_correction
 from rosette_ros.core.diagnosis.verdict import Level, Verdict
-from rosette_ros.core.error_summary import doubt_of
+from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
-from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation, read_correction
 from rosette_ros.io.open_run import joint_identity, open_readings
 from rosette_ros.io.sharing_file import read_sharing
@@ -184,7 +183,7 @@ def run_verify(options: Namespace) -> int:
 
 def budget_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--run-id', '--model', '--inputs')
+    add_shared(parser, 'run_path', '--run-id', '--model', '--inputs', '--environment')
     parser.add_argument('--hidden-effects', action='store_true', help='add bounds of effects that are not in the model '
                         'and that this order of measurement hides')
     parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),
@@ -202,11 +201,12 @@ def run_budget(options: Namespace) -> None:
         raise UsageError('budget: --seed goes with --monte-carlo only; leave it out')
     if options.output:
         refuse_output(options.output, options.force)
-    inputs = read_budget(options.inputs) if options.inputs else BudgetInputs()
     opened = Opened(options)
+    inputs = opened.inputs or BudgetInputs()
     fit, refit = opened.fit, refit_if_touched(opened.path, options.run_id)
     hidden = visibility(opened.run, fit.sigma, fit.model.base) if options.hidden_effects else None
-    made = budget(fit, inputs, touch_scatter(refit), hidden, doubt_of(opened.verdict))
+    made = budget(fit, inputs, touch_scatter(refit), hidden, refuted(opened.verdict),
+                  explanations_of(opened.finding, fit) if opened.finding and inputs.environment else ())
     found = _repeated(made, options.monte_carlo, options.seed or 0) if options.monte_carlo else None
     if options.output:
         plots('plot_style').save(plots('budget_plots').budget_bars(made, found), options.output, options.force)

@@ -19,7 +19,7 @@ from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
-from rosette_ros.io.budget_file import read_budget
+from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
@@ -53,7 +53,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         '(iii) CMM correction off, (iv) that and the table axial correction off; two more: table '
                         'angular correction off, and on again')
     add_joint(parser)
-    add_shared(parser, '--refit-spheres', '--inputs')
+    add_shared(parser, '--refit-spheres', '--inputs', '--environment')
     parser.add_argument('--maker', metavar='FILE', help="with --compare: the maker's correction tables, CSV "
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
@@ -70,8 +70,9 @@ def run(options: Namespace) -> None:
         raise InvalidData('report: --format goes with --figures only; leave it out')
     if bool(options.run_path) == bool(options.compare):
         raise InvalidData('report: wanted either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
-    if options.inputs and (options.compare or is_joint(options)):
-        raise InvalidData('report: --inputs goes with one RUN only; leave it out')
+    for name in ('inputs', 'environment'):
+        if getattr(options, name) and (options.compare or is_joint(options)):
+            raise InvalidData(f'report: --{name} goes with one RUN only; leave it out')
     if options.compare:
         compare_runs(options)
     elif is_joint(options):
@@ -102,7 +103,8 @@ def report_run(options: Namespace, place: str) -> None:
     """Write the report of one run."""
     path = output_of(options, bare_name(place))
     model = read_model(options.model)
-    inputs = read_budget(options.inputs) if options.inputs else None
+    stated = read_stated(options.inputs, options.environment)
+    inputs = budget_inputs(stated, options.inputs or 'budget inputs') if stated else None
     measured, source = open_source(place, options.run_id, options.identity)
     if options.refit_spheres:
         measured = open_refitted(place, options.run_id)[0]
@@ -116,6 +118,7 @@ def report_run(options: Namespace, place: str) -> None:
     out = console()
     with out.status('evaluating') as status:
         summary = summarise(measured, model, lambda step: status.update(f'{step} …'))
+        summary = replace(summary, environment=inputs.environment if inputs else None)
         status.update('drawing …')
         refit = touches_of(source)[0]
         made = budget_of(summary, refit, inputs)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.stated_environment import Environment
 from rosette_ros.core.touches import TOUCHES, USUAL
 
 
@@ -44,18 +45,26 @@ SECTIONS: dict[str, tuple[str, dict[str, Entry]]] = {
 """Sections of an inputs file: what they are, and their numbers."""
 BOUNDS = 'hidden_effects'
 """The section of largest sizes of effects, rms over the readings."""
+ENVIRONMENT = 'environment'
+"""The section of what may move in a run, as standard deviations from run to run."""
 
 
 @dataclass(frozen=True)
 class BudgetInputs:
     """What is stated: values by section and entry, SI units; words by section, whence they are; dof by section.
 
-    bounds: largest size by effect, m rms over the readings."""
+    bounds: largest size by effect, m rms over the readings; environment: what may move in a run."""
 
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     words: Mapping[str, str] = field(default_factory=dict)
     dof: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, float] = field(default_factory=dict)
+    environment: Environment | None = None
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether U is that of the budget: something is stated that is no bound."""
+        return bool(self.values) or self.environment is not None
 
     def __contains__(self, section: str) -> bool:
         return section in self.values

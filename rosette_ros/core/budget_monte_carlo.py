@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.budget_inputs import temperature_course
+from rosette_ros.core.budget_lines import root_mean
 from rosette_ros.core.form_field import form_basis, standard_height
 from rosette_ros.core.geometry import radial, rotate_z, rotation_matrix
 from rosette_ros.core.model.base_space import BaseParameters
@@ -19,7 +20,7 @@ from rosette_ros.core.model.least_squares import observed
 from rosette_ros.core.model.second_order import beyond_linear
 from rosette_ros.core.records import Floats
 from rosette_ros.core.touches import fit_spheres
-from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, form_directions, root_mean
+from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, form_directions
 
 REACH = 0.01
 """Distance of the tip's centre from that of the ball when it touches, m: a ball of 15 mm, a tip of 5 mm."""
@@ -104,7 +105,7 @@ def monte_carlo(made: Budget, trials: int, seed: int = 0, on_step: Callable[[int
         if on_step:
             on_step(count)
     off = curves - made.fit.error_motions.values
-    expected = made.combined(with_bounds=False)
+    expected = made.combined(with_bounds=False, with_hidden=False)
     scatter = off - off.mean(axis=0)
     covariance = np.einsum('mia,mib->iab', scatter, scatter, optimize=True) / trials
     agreements = tuple(_agreement(off[:, :, place], expected[:, place]) for place in range(6))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The six errors of a table in a line each (ISO 230-7): range, parts, uncertainty, and conformity to a tolerance."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,12 +15,16 @@ from rosette_ros.core.records import CURVES, ErrorMotions
 if TYPE_CHECKING:  # what only shows results starts without the least squares
     from rosette_ros.core.diagnosis.verdict import Judged
     from rosette_ros.core.joint.conclusion import Conclusion
+    from rosette_ros.core.mixture import Mixture
     from rosette_ros.core.model.least_squares import Fit
+    from rosette_ros.core.uncertainty_budget import Budget
 
 COVERAGE_FACTOR = 2
 """k of expanded uncertainties, about 95 % (GUM 6.2)."""
 DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where range + U is at most the tolerance, '
                  'does not conform where range − U is more; otherwise not decidable')
+SURE = 0.5 + 0.5 * math.erf(COVERAGE_FACTOR / math.sqrt(2))
+"""Probability from which on it is decided: that of a normal range at the guard band U, 97.7 %."""
 FEWEST_ANGLES = 4
 """A once-per-turn part is told from the rest of a curve with so many points at least."""
 
@@ -39,10 +44,16 @@ def conformity(value: float, expanded: float, limit: float) -> Conformity:
     return Conformity.FAILS if value - expanded > limit else Conformity.UNDECIDED
 
 
-def doubt_of(verdict: 'Judged | Conclusion | None') -> str:
-    """Return why U does not say how large the errors are: '' where the model is not refuted, or was not judged."""
+def refuted(verdict: 'Judged | Conclusion | None') -> str:
+    """Return why the model is refuted: '' where it is not, or was not judged."""
     fails = verdict is not None and verdict.model_fails
     return 'the model does not fit the readings, so that U does not contain all' if fails else ''
+
+
+def doubt_of(verdict: 'Judged | Conclusion | None') -> str:
+    """Return why U does not say how large the errors are: '' where it does, or the model was not judged."""
+    lacks = verdict is not None and verdict.unseen is not None and not verdict.unseen.environment
+    return refuted(verdict) or 'no environment is stated, and U lacks what this order cannot show' * lacks
 
 
 @dataclass(frozen=True)
@@ -53,7 +64,8 @@ class AxisError:
     uncertainty; u_point: the largest of a point of the curve; once_per_turn, residual: peak to valley of the
     fundamental part and of the rest, NaN where the curve has too few points; asynchronous, u_asynchronous: largest
     width of the curves of several runs at one angle, None from one run; tolerance: of the range, or None; doubt: why no
-    conformity is stated although there is a tolerance, '' where it is.
+    conformity is stated although there is a tolerance, '' where it is; spread: distribution of the range, None where it
+    is normal.
     """
 
     curve: str
@@ -67,18 +79,40 @@ class AxisError:
     u_asynchronous: float | None = None
     tolerance: float | None = None
     doubt: str = ''
+    spread: 'Mixture | None' = None
 
     @property
     def expanded(self) -> float:
-        """U of the range, k = 2."""
-        return COVERAGE_FACTOR * self.u_range
+        """U of the range, k times its standard uncertainty."""
+        return self.factor * self.u_range
 
     @property
     def conformity(self) -> Conformity | None:
         """What is decided about the tolerance; None where there is none."""
         if self.tolerance is None:
             return None
-        return Conformity.UNDECIDED if self.doubt else conformity(self.range, self.expanded, self.tolerance)
+        if self.doubt:
+            return Conformity.UNDECIDED
+        if self.spread is None:
+            return conformity(self.range, self.expanded, self.tolerance)
+        within = self.spread.below(self.tolerance)
+        return (Conformity.CONFORMS if within >= SURE else
+                Conformity.FAILS if within <= 1 - SURE else Conformity.UNDECIDED)
+
+    @property
+    def within(self) -> float | None:
+        """Probability that the range is within the tolerance (JCGM 106, 7); None where there is none."""
+        if self.tolerance is None:
+            return None
+        if self.spread is not None:
+            return self.spread.below(self.tolerance)
+        off = self.tolerance - self.range
+        return 0.5 + 0.5 * math.erf(off / self.u_range / math.sqrt(2)) if self.u_range else float(off >= 0)
+
+    @property
+    def factor(self) -> float:
+        """k of the interval that contains the range as often as k = 2 does where it is normal."""
+        return float(COVERAGE_FACTOR) if self.spread is None else self.spread.factor(2 * SURE - 1)
 
 
 def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances: Mapping[str, float] | None = None,
@@ -108,6 +142,14 @@ def fit_lines(fit: 'Fit', tolerances: Mapping[str, float] | None = None, doubt: 
     """Return the AxisErrors of a Fit; tolerances, doubt: as of error_lines."""
     return error_lines(fit.error_motions, fit.weighted_sigma * np.sqrt(
         fit.joint.difference_cofactor(*extremes(fit.error_motions))), tolerances, doubt)
+
+
+def stated_lines(fit: 'Fit', made: 'Budget | None', tolerances: Mapping[str, float] | None = None,
+                 doubt: str = '') -> tuple[ErrorMotions, tuple[AxisError, ...]]:
+    """Return curves and AxisErrors of a Fit, with U of its budget where there is one; the others as of error_lines."""
+    if made is None:
+        return fit.error_motions, fit_lines(fit, tolerances, doubt)
+    return made.error_motions, made.lines(tolerances, doubt)
 
 
 def peak_to_valley(values: Floats) -> Floats:

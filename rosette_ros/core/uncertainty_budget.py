@@ -17,20 +17,20 @@ import numpy as np
 from scipy import optimize, special
 
 from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
+from rosette_ros.core.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes
-from rosette_ros.core.errors import InvalidData, unknown
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.form_field import form_basis, standard_height
 from rosette_ros.core.geometry import radial, rotate_z
+from rosette_ros.core.mixture import Mixture, total
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
-from rosette_ros.core.planning.advice import GOOD_SHARE
+from rosette_ros.core.model.surroundings import CLAIMED, MOST_BALLS, Surrounded, surrounded
 from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
+from rosette_ros.core.records import ErrorMotions, Floats
 from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.core.touches import LEAST_TOUCHES, centre_factors, usual_directions
 
-MOST_BALLS = 72
-"""Budgets of larger plates would take minutes."""
 CHUNK = 256
 """Readings that are propagated together."""
 LEAST_SHARE = 0.25
@@ -53,45 +53,13 @@ class TouchScatter(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Contribution:
-    """One line of a budget.
-
-    name, words: what it is; kind: A by statistics, B by other knowledge (GUM 4.2, 4.3); distribution: of the input;
-    value: standard uncertainty of the input in `unit` (SI); dof: its degrees of freedom; u: (n, 6) of the curves, m and
-    rad; source: whence the value is; is_bound: whether it is a bound, which a Monte Carlo does not repeat; is_noise:
-    whether its size is that of the noise of the readings.
-    """
-
-    name: str
-    words: str
-    kind: str
-    distribution: str
-    value: float
-    unit: str
-    dof: float
-    u: Floats
-    source: str
-    is_bound: bool = False
-    is_noise: bool = False
-
-    @property
-    def mean(self) -> Floats:
-        """Root mean square over the points of each curve, (6,), m and rad: squares of these add up, too."""
-        return root_mean(self.u)
-
-    @property
-    def sensitivity(self) -> Floats:
-        """Mean standard uncertainty of each curve per unit of the input, (6,)."""
-        return self.mean / self.value if self.value else np.zeros(6)
-
-
-@dataclass(frozen=True, eq=False)
 class Budget:
     """The uncertainty budget of a Fit.
 
     inputs: as stated; contributions: in order; open: what is not considered, in sentences; sigma: what white noise is
     multiplied by, m, once what other influences leave in the residuals is taken off; touch: scatter and directions of
-    the touches; touch_share: (3,) part of the variance of a centre that they are.
+    the touches; touch_share: (3,) part of the variance of a centre that they are; around: the fit in the environment
+    that is stated, explained: each explanation of the run in it, with its probability; None and empty without one.
     """
 
     fit: Fit
@@ -102,10 +70,13 @@ class Budget:
     dof: float
     touch: TouchScatter | None
     touch_share: Floats
+    around: Surrounded | None = None
+    explained: tuple[tuple[float, Surrounded], ...] = ()
 
-    def combined(self, with_bounds: bool = True) -> Floats:
+    def combined(self, with_bounds: bool = True, with_hidden: bool = True) -> Floats:
         """Return the combined standard uncertainty of each point of the curves, (n, 6), m and rad (GUM 5.1.2)."""
-        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if with_bounds or not one.is_bound)))
+        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if (with_bounds or not one.is_bound) and (
+            with_hidden or not one.is_hidden))))
 
     @property
     def mean(self) -> Floats:
@@ -114,22 +85,28 @@ class Budget:
 
     @property
     def error_motions(self) -> ErrorMotions:
-        """The curves of the fit with their combined standard uncertainties, bounds left out."""
-        return replace(self.fit.error_motions, u=self.combined(False))
+        """The curves with their combined standard uncertainties, bounds left out."""
+        values = _explained(self.explained)[0] if self.explained else self.fit.error_motions.values
+        return replace(self.fit.error_motions, values=values, u=self.combined(False))
 
     def lines(self, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
         """Return the AxisErrors of the curves with these uncertainties; tolerances, doubt: as of error_lines.
 
             u^2(range) = sigma^2 cofactor(difference) + sum over what is no noise of (u(highest) + u(lowest))^2
 
-        No correlation of both points exceeds the sum."""
+        No correlation of both points exceeds the sum; that of what is claimed or may be there is known."""
         motions, curve = self.error_motions, range(6)
         high, low = extremes(motions)
-        square = self.sigma**2 * self.fit.joint.difference_cofactor(high, low)
-        for one in self.contributions:
-            if not (one.is_noise or one.is_bound):
-                square = square + (one.u[high, curve] + one.u[low, curve])**2
-        return error_lines(motions, np.sqrt(square), tolerances, doubt)
+        others = sum(((one.u[high, curve] + one.u[low, curve])**2 for one in self.contributions
+                      if not (one.is_noise or one.is_bound or one.is_hidden)), np.zeros(6))
+        if not self.explained:
+            square = self.sigma**2 * self.fit.joint.difference_cofactor(high, low) + others
+            return error_lines(motions, np.sqrt(square), tolerances, doubt)
+        p, every = zip(*self.explained)
+        spreads = [one.ranges(high, low, others) for one in every]
+        together = [Mixture.together(p, some) for some in zip(*spreads)]
+        lines = error_lines(motions, np.sqrt([one.moments[1] for one in together]), tolerances, doubt)
+        return tuple(replace(line, spread=one) for line, one in zip(lines, together, strict=True))
 
     @property
     def effective_dof(self) -> Floats:
@@ -150,22 +127,26 @@ class Budget:
         return np.asarray(special.stdtrit(finite, (1 + PROBABILITY) / 2))
 
 
+def _explained(every: Sequence[tuple[float, Surrounded]]) -> tuple[Floats, Floats]:
+    """Return curves and u over explanations with probabilities, (n, 6) each (law of total variance)."""
+    p = np.array([one for one, _ in every])
+    values, u = (np.stack([getattr(one.error_motions, name) for _, one in every]) for name in ('values', 'u'))
+    return total(p / p.sum(), values, u)
+
+
 def probability_of_u(dof: float) -> float:
     """Return the probability that U (k = 2) contains the true value, P(|t| < k) of Student's t (GUM G.3)."""
     return float(2 * special.stdtr(min(dof, 1e9), COVERAGE_FACTOR) - 1)
 
 
-def root_mean(u: Floats) -> Floats:
-    """Return the root mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(u**2, axis=0)))
-
-
 def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | None = None,
-           hidden: Sequence[Visibility] | None = None, doubt: str = '') -> Budget:
+           hidden: Sequence[Visibility] | None = None, doubt: str = '',
+           explanations: Sequence[tuple[float, Fit]] = ()) -> Budget:
     """Return the Budget of a fit.
 
     inputs: what is stated beside the readings; touch: scatter of the touches in the log; hidden: what the order of the
-    run shows of each effect, where bounds of unnoticed effects shall count; doubt: why the model is refuted, in words.
+    run shows of each effect, where bounds of unnoticed effects shall count; doubt: why the model is refuted, in words;
+    explanations: of the run, fits with probabilities, over which curves and U are taken in an environment.
     Raises InvalidData where the plate has too many balls or inputs do not fit the run.
     """
     run, inputs = fit.run, inputs or BudgetInputs()
@@ -195,14 +176,20 @@ def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | N
             'touches', f'scatter of single touches, {len(touch.direction)} to a sphere', 'A',
             'normal', touch.sigma, 'm', touch.dof, sigma * np.sqrt(np.tensordot(share, variance, axes=1)),
             touch.source, is_noise=True))
+    around, explained = None, []
+    if inputs.environment:
+        around = surrounded(fit, inputs.environment)
+        explained = [(p, surrounded(one, inputs.environment)) for p, one in explanations] or [(1.0, around)]
     if fit.effects:
-        u = sigma * np.sqrt(fit.joint.effect_cofactor())
+        u = np.sqrt(around.parts[CLAIMED]) if around else sigma * np.sqrt(fit.joint.effect_cofactor())
         names = ', '.join(dict.fromkeys(one.name for one in fit.effects))
-        lines.append(Contribution('effects in the model', f'U of {names}, with all covariances', 'A', 'normal',
+        lines.append(Contribution(CLAIMED, f'U of {names}, with all covariances', 'A', 'normal',
                                   sigma, 'm', dof, u, 'the fit', is_noise=True))
     lines += [one.line for one in displaced]
-    lines += [*_frame(fit, inputs), *_bounds(fit, inputs, hidden)]
-    return Budget(fit, inputs, tuple(lines), tuple(_open(fit, inputs, touch, hidden, doubt)), sigma, dof, touch, share)
+    lines += [*frame_lines(fit, inputs), *(hidden_lines(around, _explained(explained)[1]) if around else ()),
+              *bound_lines(fit, inputs, hidden)]
+    return Budget(fit, inputs, tuple(lines), tuple(_open(fit, inputs, touch, hidden, doubt)), sigma, dof, touch, share,
+                  around, tuple(explained))
 
 
 def touch_scatter(refit: SphereRefit | None) -> TouchScatter | None:
@@ -348,59 +335,6 @@ def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
     return out
 
 
-def _frame(fit: Fit, inputs: BudgetInputs) -> list[Contribution]:
-    """Return the contributions of the table frame and of the radius: they turn, move and stretch the curves.
-
-        T' = T + Theta x o - delta x T,  Theta' = Theta - delta x Theta,  Theta' = Theta (1 - u(R) / R)
-    """
-    curves, out = fit.error_motions.values, []
-    shift, turn = curves[:, :3], curves[:, 3:]
-
-    def line(section: str, name: str, words: str, entry: str, unit: str, parts: list[Floats]) -> None:
-        value = inputs.value(section, entry)
-        if value:
-            square = sum(remove_gauge(part, fit.error_motions.angle)**2 for part in parts)
-            out.append(Contribution(name, words, 'B', 'normal', value, unit, inputs.dof.get(section, np.inf),
-                                    value * np.sqrt(square), inputs.words.get(section, 'inputs')))
-
-    still = np.zeros_like(turn)
-    line('alignment', 'alignment: origin', 'the curves are those of another point', 'origin_um', 'm',
-         [np.hstack([np.cross(turn, one), still]) for one in np.eye(3)])
-    turned = [np.hstack([-np.cross(one, shift), -np.cross(one, turn)]) for one in np.eye(3)]
-    line('alignment', 'alignment: axis', 'the curves are along other axes', 'tilt_urad', 'rad', turned[:2])
-    line('alignment', 'alignment: azimuth', 'the curves are along other axes', 'azimuth_urad', 'rad', turned[2:])
-    line('radius', 'radius', 'rotations are displacements divided by it', 'u_um', 'm',
-         [np.hstack([still, -turn / fit.mean_radius])])
-    return out
-
-
-def _bounds(fit: Fit, inputs: BudgetInputs, hidden: Sequence[Visibility] | None) -> list[Contribution]:
-    """Return bounds of effects that are not in the model: of stated sizes, and of the worst that stays unnoticed."""
-    if hidden is None:
-        return []
-    present, out, n = {one.name for one in fit.effects}, [], fit.run.n
-    known = {one.name: one for one in hidden}
-    for name, size in inputs.bounds.items():
-        if name not in known:
-            raise InvalidData(f'budget: {BOUNDS}: {unknown(name, known)}')
-        if known[name].reason:
-            continue
-        value = size / np.sqrt(3)
-        out.append(Contribution(f'hidden: {name}', 'an effect of at most the stated size, rms over the readings', 'B',
-                                'rectangular', value, 'm', np.inf, np.tile(value * known[name].bias, (n, 1)),
-                                'inputs', True))
-    noticed = [one for one in hidden if not one.reason and np.isfinite(one.detectable)
-               and one.typical_share < GOOD_SHARE and one.name not in {*present, *inputs.bounds}]
-    if noticed:
-        each = np.array([one.detectable / np.sqrt(3) * one.bias for one in noticed])
-        worst = [noticed[place] for place in each.argmax(axis=0)]
-        names = ', '.join(dict.fromkeys(one.name for one in worst))
-        out.append(Contribution('hidden: any one effect', f'at its detection limit; worst: {names}',
-                                'B', 'rectangular', float(np.median([one.detectable for one in worst]) / np.sqrt(3)),
-                                'm', np.inf, np.tile(each.max(axis=0), (n, 1)), 'the order of measurement', True))
-    return out
-
-
 def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
           hidden: Sequence[Visibility] | None, doubt: str) -> list[str]:
     """Return what the budget does not consider, in sentences."""
@@ -411,7 +345,8 @@ def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
     if touch is None:
         out.append('The scatter of single touches (touches) is not recorded; it is part of the repeatability.')
     if hidden is None:
-        out.append('Effects that this order of measurement hides.')
+        out.append('Effects that this order of measurement hides' + (
+            f', beyond what the environment states ({inputs.environment.name}).' if inputs.environment else '.'))
     else:
         harmful = [one.name for one in hidden if not one.reason and not np.isfinite(one.detectable)
                    and one.name not in inputs.bounds

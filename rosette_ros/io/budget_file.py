@@ -4,25 +4,32 @@
 from pathlib import Path
 from typing import Any
 
-from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, Entry
+from rosette_ros.core.budget_inputs import BOUNDS, ENVIRONMENT, SECTIONS, BudgetInputs, Entry
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, unknown
+from rosette_ros.core.stated_environment import CLASSES, KINDS, Environment, Size
 from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-budget/1'
+EFFECTS_OF = 'effects'
+"""The entry of an environment for single effects."""
 MOST_BYTES, LONGEST = 1 << 16, 300
 
 
 def read_budget(path: str | Path) -> BudgetInputs:
     """Return the BudgetInputs of a file; raises InvalidData, naming file and entry, where it is none."""
-    return budget_inputs(read_stated(path), str(path))
+    return budget_inputs(read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData), str(path))
 
 
-def read_stated(path: str | Path) -> dict[str, Any]:
-    """Return what a file of budget inputs says, as YAML; raises InvalidData as read_budget."""
-    given = read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData)
-    budget_inputs(given, str(path))
-    return dict(given)
+def read_stated(path: str | Path | None, environment: str | None = None) -> dict[str, Any] | None:
+    """Return what a file of budget inputs says, as YAML, None without one; raises InvalidData as read_budget.
+
+    environment: a class that takes the place of what it says of the environment."""
+    given: Any = {'schema': SCHEMA} if environment else None
+    if path:
+        given = read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData)
+        budget_inputs(given, str(path))
+    return {**given, **({ENVIRONMENT: {'class': environment}} if environment else {})} if given else None
 
 
 def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
@@ -32,7 +39,8 @@ def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
     words: dict[str, str] = {}
     dof: dict[str, float] = {}
     bounds: dict[str, float] = {}
-    known_keys((one for one in given if one != 'schema'), (*SECTIONS, BOUNDS), source, InvalidData)
+    environment = None
+    known_keys((one for one in given if one != 'schema'), (*SECTIONS, BOUNDS, ENVIRONMENT), source, InvalidData)
     for section, entries in given.items():
         where = f'{source}: {section}'
         if section == 'schema' or entries is None:
@@ -43,6 +51,9 @@ def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
             known_keys(entries, EFFECTS, where, InvalidData)
             bounds = {name: 1e-6 * _number(size, Entry(''), f'{where}: {name}')
                       for name, size in entries.items()}
+            continue
+        if section == ENVIRONMENT:
+            environment = _environment(entries, where)
             continue
         known = SECTIONS[section][1]
         known_keys(entries, (*known, 'dof', 'words'), where, InvalidData)
@@ -57,7 +68,35 @@ def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
                 raise InvalidData(f'{where}: dof: wanted 1 or more degrees of freedom, got {dof[section]:g}')
         if entries.get('words') is not None:
             words[section] = _text(entries['words'], f'{where}: words')
-    return BudgetInputs(values, words, dof, bounds)
+    return BudgetInputs(values, words, dof, bounds, environment)
+
+
+def _environment(entries: dict[str, Any], where: str) -> Environment:
+    """Return the Environment that a section states: a class, numbers in place of its own, single effects."""
+    known_keys(entries, ('class', *KINDS, EFFECTS_OF), where, InvalidData)
+    name, single = entries.get('class'), entries.get(EFFECTS_OF) or {}
+    if name is not None and (not isinstance(name, str) or name not in CLASSES):
+        raise InvalidData(f'{where}: class: {unknown(f"{name!s:.40}", CLASSES)}')
+    if not isinstance(single, dict):
+        raise InvalidData(f'{where}: {EFFECTS_OF}: wanted a mapping, got {single!r:.80}')
+    known_keys(single, EFFECTS, f'{where}: {EFFECTS_OF}', InvalidData)
+    own = {kind: _size(entries[kind], KINDS[kind].unit, f'{where}: {kind}') for kind in KINDS
+           if entries.get(kind) is not None}
+    effects = {one: _size(size, 'um', f'{where}: {EFFECTS_OF}: {one}') for one, size in single.items()}
+    if name is None:
+        if not (own or effects):
+            raise InvalidData(f'{where}: wanted a class ({", ".join(CLASSES)}) or some of {", ".join(KINDS)}, got none')
+        return Environment(sizes=own, effects=effects)
+    changed = f'{name}, with numbers of the cell' if own or effects else name
+    return Environment(changed, {**CLASSES[name].sizes, **own}, effects)
+
+
+def _size(given: object, unit: str, where: str) -> Size:
+    if not isinstance(given, dict):
+        raise InvalidData(f"{where}: wanted {{{unit}: 0.3, words: 'whence it is'}}, got {given!r:.40}")
+    known_keys(given, (unit, 'words'), where, InvalidData)
+    return Size(1e-6 * _number(given.get(unit), Entry(''), f'{where}: {unit}'),
+                _text(given.get('words'), f'{where}: words'))
 
 
 def _number(value: object, entry: Entry, where: str) -> float:

@@ -6,10 +6,12 @@ from functools import partial
 import numpy as np
 from scipy import special
 
+from rosette_ros.core.budget_lines import Contribution, root_mean
 from rosette_ros.core.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES
-from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, Contribution, root_mean
+from rosette_ros.core.stated_environment import KINDS, Environment
+from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.table_format import Column, Table, column, words
@@ -23,6 +25,8 @@ ALIKE = 0.02
 WORST = 2
 UNLIMITED = 1e6
 """More degrees of freedom are shown as ∞."""
+LEAST_SHARE = 0.01
+"""Share in the variance of a curve from which on an effect that may be there is shown."""
 AGREEMENT = {True: 'yes', False: 'no', None: 'too few trials'}
 
 
@@ -49,6 +53,51 @@ def contributions(made: Budget) -> Table:
         columns.append(column(f'sensitivity_{curve}_si', '', [float(one.sensitivity[place]) for one in lines]))
     bounds = ' hidden: a bound, not an estimate.' if _has_bounds(made) else ''
     return Table('budget', 'Uncertainty budget (GUM)', tuple(columns), note=f'{NOTE}{bounds}')
+
+
+def hidden_table(made: Budget) -> Table | None:
+    """Return the effects that may be there and are the most of U, largest first; None where no environment is stated.
+    """
+    if made.around is None:
+        return None
+    names, shares = text.curve_names(made.fit.run.rotation), made.around.shares
+    shown = [name for name, one in shares.items() if one.max() >= LEAST_SHARE]
+    return Table('hidden', f'What this order cannot show, in U (environment: {made.around.environment.name})', (
+        words('effect', 'effect', shown), words('title', 'what may be there', map(text.title_of, shown)),
+        *(column(f'share_{curve}', names[place], [float(shares[name][place]) for name in shown], text.percent)
+          for place, curve in enumerate(CURVES))),
+        note='Shares of the variance of each curve, at least 1 % of one.')
+
+
+def environment_words(environment: Environment | None) -> str:
+    """Return what may move in a run, with its sizes."""
+    if environment is None:
+        return 'not stated: U lacks what the order of measurement cannot show'
+    sizes = [f'{KINDS[kind].words} {text.micro(one.value, text.decimals(1e6 * one.value, 1))} '
+             f'µ{KINDS[kind].unit.removeprefix("u")}' for kind, one in environment.sizes.items()]
+    sizes += [f'{text.title_of(name)} {text.micro(one.value, text.decimals(1e6 * one.value, 1))} µm at a ball'
+              for name, one in environment.effects.items()]
+    return f'{environment.name}: {", ".join(sizes)} in a run (standard deviations from run to run)'
+
+
+def beyond_words(made: Budget | None) -> str:
+    """Return what of the effects that are not in the model U contains after all."""
+    return f' nor among those of the environment ({made.around.environment.name})' if made and made.around else ''
+
+
+def environment_json(made: Budget | None) -> Json:
+    """Return what is stated of the environment and what it makes of U, null where nothing is stated."""
+    if made is None or made.around is None:
+        return {'environment': None}
+    around = made.around
+    return {'environment': {
+        'name': around.environment.name,
+        'sizes': {kind: {'value': one.value, 'unit': 'rad' if KINDS[kind].unit == 'urad' else 'm', 'source': one.source}
+                  for kind, one in around.environment.sizes.items()},
+        'effects': {name: {'value': one.value, 'unit': 'm', 'source': one.source}
+                    for name, one in around.environment.effects.items()},
+        'hidden': [{'effect': name, 'probability': around.there[name], 'share': by_curve(share),
+                    'u': by_curve(root_mean(np.sqrt(around.parts[name])))} for name, share in around.shares.items()]}}
 
 
 def _digits(u: float) -> int:
@@ -144,7 +193,7 @@ def budget_json(made: Budget, found: MonteCarlo | None = None) -> Json:
         'U_worst_point': by_curve(COVERAGE_FACTOR * combined.max(axis=0)),
         'effective_dof': by_curve(made.effective_dof), 'coverage_factor_by_dof': by_curve(made.coverage),
         'table_angle_rad': made.fit.error_motions.angle,
-        'u_points': by_curve(combined.T), 'not_considered': made.open}
+        'u_points': by_curve(combined.T), 'not_considered': made.open, **environment_json(made)}
     if found:
         out['monte_carlo'] = {
             'trials': found.trials, 'seed': found.seed, 'agrees': found.agrees, 'probability': PROBABILITY,

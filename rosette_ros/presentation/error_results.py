@@ -2,13 +2,14 @@
 """The six errors in a line each, for people and programs: the summary after ISO 230-7."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from rosette_ros.analysis import Change
-from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, SURE, AxisError, Conformity
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.io.identity_file import ARC_SECOND
 from rosette_ros.presentation import formatting as text
@@ -16,7 +17,8 @@ from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, column, words
 
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
-WHAT_IS_WHAT = f'Range: peak to valley; U: k = {COVERAGE_FACTOR}; residual synchronous: without the once-per-turn part.'
+WHAT_IS_WHAT = (f'Range: peak to valley; U: k = {COVERAGE_FACTOR}, of each angle the largest; residual synchronous: '
+                'without the once-per-turn part.')
 
 
 def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table (ISO 230-7)',
@@ -34,6 +36,13 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
         return Column(key, head, tuple(None if value is None else 1e6 * value for value in values),
                       tuple(f'{sign}{shown(value, line)}' for value, line in zip(values, of, strict=True)))
 
+    def of_range(key: str, head: str, of: Sequence[AxisError]) -> tuple[Column, ...]:
+        angle = micro(f'U_{key}point_in_unit', 'U of each angle', [COVERAGE_FACTOR * line.u_point for line in of], '±',
+                      of)
+        return (micro(f'{key}range_in_unit', head, [line.range for line in of], '', of),
+                micro(f'U_{key}range_in_unit', 'U of the range', [line.expanded for line in of], '±', of),
+                replace(angle, shown=None) if found else angle)  # beside each of the two curves, then
+
     several = any(line.asynchronous is not None for line in lines)
     limited = any(line.tolerance is not None for line in lines)
     doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
@@ -43,22 +52,30 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
         words('error', 'error', [f'{line.curve} ({line.name}) / {unit}'.replace('-', '−')
                                  for line, unit in zip(lines, units, strict=True)]),
         column('unit', '', units),
-        micro('range_in_unit', f'range, {NOW}' if found else 'range', [line.range for line in lines]),
-        micro('U_range_in_unit', 'U', [line.expanded for line in lines], '±'),
-        *((micro('found_range_in_unit', f'range, {FOUND}', [line.range for line in found], '', found),
-           micro('U_found_range_in_unit', 'U', [line.expanded for line in found], '±', found)) if found else ()),
-        micro('U_point_in_unit', 'U of a point', [COVERAGE_FACTOR * line.u_point for line in lines], '±'),
+        *of_range('', f'range, {NOW}' if found else 'range', lines),
+        *(of_range('found_', f'range, {FOUND}', found) if found else ()),
         micro('once_per_turn_in_unit', 'once per turn', [line.once_per_turn for line in lines]),
         micro('residual_in_unit', 'residual synchronous', [line.residual for line in lines]),
         *((micro('asynchronous_in_unit', 'asynchronous', [line.asynchronous for line in lines]),
-           micro('U_asynchronous_in_unit', 'U', [_expanded(line) for line in lines], '±')) if several else ()),
+           micro('U_asynchronous_in_unit', 'U of the width', [_expanded(line) for line in lines], '±')
+           ) if several else ()),
         *((Column('tolerance_in_unit', 'tolerance', tuple(
             None if line.tolerance is None else 1e6 * line.tolerance for line in lines), tuple(
                 '' if line.tolerance is None else _limit(line.tolerance, unit) for line, unit in zip(lines, units))),
            words('conformity', 'ISO 14253-1', [line.conformity or '' for line in lines])) if limited else ())),
         levels=tuple(LEVELS[line.conformity] for line in lines),
-        note=f'{WHAT_IS_WHAT}{width}' + f' Decision rule: {DECISION_RULE}.' * limited
+        note=f'{WHAT_IS_WHAT}{_factors((*lines, *found))}{width}' + f' Decision rule: {DECISION_RULE}.' * limited
         + ''.join(f' Not decided: {doubt}.' for doubt in doubts))
+
+
+def _factors(lines: Sequence[AxisError]) -> str:
+    """Return k of the ranges whose error is not normal, in a sentence, and how conformity is decided then."""
+    factors = [line.factor for line in lines if line.spread is not None]
+    if not factors:
+        return ''
+    span = dict.fromkeys(text.fixed(one, 2) for one in (min(factors), max(factors)))
+    return (f' U of the range: 95.45 % of its distribution, k = {" to ".join(span)}; conformity is decided from '
+            f'{text.fixed(100 * SURE, 1)} % of it on (JCGM 106).')
 
 
 def differences(every: Mapping[str, ErrorMotions]) -> Table:
@@ -106,6 +123,7 @@ def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:
         'curve': line.curve, 'iso_name': line.name, 'unit': SI_UNITS[line.curve],
         'range': line.range, 'U_range': line.expanded, 'U_point': COVERAGE_FACTOR * line.u_point,
         'once_per_turn': line.once_per_turn, 'residual': line.residual, 'asynchronous': line.asynchronous,
+        'k_range': line.factor, 'probability_of_conformity': line.within,
         'U_asynchronous': _expanded(line), 'tolerance': line.tolerance, 'conformity': line.conformity and str(
             line.conformity), 'doubt': line.doubt} for line in lines]}
 

@@ -19,12 +19,13 @@ from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict, VerdictText, noise_facts
 from rosette_ros.core.effects.effect import Effect, Quantity
-from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
+from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines, stated_lines
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import SI_UNITS, ErrorMotions
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json
@@ -91,20 +92,24 @@ def motions_json(motions: ErrorMotions) -> Json:
             'U': by_curve(COVERAGE_FACTOR * motions.u.T)}
 
 
-def found_json(found: Fit | None) -> Json:
-    """Return curves and errors with the cause found, null where no cause that has a name is missing."""
-    return {'with_cause_found': None if found is None else {
-        'model': found.model.names, **motions_json(found.error_motions), 'iso_230_7': errors_json(fit_lines(found))}}
+def found_json(found: Fit | None, made: Budget | None = None) -> Json:
+    """Return curves and errors with the cause found, null where no cause that has a name is missing; made: its budget.
+    """
+    if found is None:
+        return {'with_cause_found': None}
+    motions, lines = stated_lines(found, made)
+    return {'with_cause_found': {
+        'model': found.model.names, **motions_json(motions), 'iso_230_7': errors_json(lines)}}
 
 
 def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[AxisError] | None = None,
-                    found: Fit | None = None) -> Json:
+                    found: Fit | None = None, made: Budget | None = None, found_made: Budget | None = None) -> Json:
     """Return a report, schema rosette-evaluation/1; u holds standard uncertainties; lines: None for no tolerances;
-    found: the fit with the cause found, where one is missing.
+    found: the fit with the cause found, where one is missing; made, found_made: budgets of both, whose U it is then.
 
     An effect that stands twice in the model is named with its fixed parameters, or with all that were found.
     """
-    run, motions = fit.run, fit.error_motions
+    run, motions = fit.run, stated_lines(fit, made)[0]
     names, terms = [term.name for term in fit.model.terms], [str(term) for term in fit.model.terms]
     keys = [term.name if names.count(term.name) == 1 else str(term) if terms.count(str(term)) == 1 else
             str(Term(term.effect, one.setting)) for term, one in zip(fit.model.terms, fit.effects, strict=True)]
@@ -119,7 +124,7 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[Ax
         'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict_text(verdict) if verdict else None),
         'iso_230_7': errors_json(fit_lines(fit, doubt=doubt_of(verdict)) if lines is None else lines),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)},
-        **found_json(found)})
+        **found_json(found, found_made)})
 
 
 def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[LadderStep] = ()) -> Json:

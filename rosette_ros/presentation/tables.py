@@ -81,15 +81,15 @@ def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Tabl
     columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
                column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
                       partial(text.exact, places=4), '°',
-                      footer=('peak to valley', f'U (k = {text.COVERAGE_FACTOR})')[:1 + alike])]
+                      footer=(*[f'U of each angle (k = {text.COVERAGE_FACTOR})'] * alike, 'peak to valley'))]
     names = text.curve_names(motions.rotation)
     for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
         digits = text.decimals(float(np.median(expanded[:, place])))
         shown = _with_u(values[:, place], expanded[:, place], digits, alike)
         span, largest = float(spans[place]), float(expanded[:, place].max())
-        footer = text.fixed(span, digits), f'±{text.fixed(largest, digits)}'
+        footer = *[f'±{text.fixed(largest, digits)}'] * alike, text.fixed(span, digits)
         columns.append(Column(f'{curve}_{FILE_UNITS[place]}', names[place], tuple(values[:, place].tolist()),
-                              shown, unit, footer=footer[:1 + alike]))
+                              shown, unit, footer=footer))
     columns += [column(f'u_{curve}_{unit}', '', u[:, place])
                 for place, (curve, unit) in enumerate(zip(CURVES, FILE_UNITS, strict=True))]
     note = text.axis_note(motions.rotation)

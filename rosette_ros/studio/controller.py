@@ -17,7 +17,7 @@ from nicegui import Event
 from rosette_ros.analysis import LadderStep, analyse, change, cross_check, summarise
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
-from rosette_ros.core.error_summary import doubt_of
+from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.errors import NotDeterminable, RosetteError, one_line
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
@@ -144,7 +144,7 @@ class Controller:
         results, current = self.session.results, self.session.current
         inputs = read_budget(path) if path else None
         if results.fit and current:
-            await self.ask('budget', budget_of, results.fit, current.source, inputs, doubt_of(results.verdict),
+            await self.ask('budget', budget_of, results.fit, current.source, inputs, refuted(results.verdict),
                            of=self.session.ticket)
 
     async def read_touches(self) -> None:

@@ -18,6 +18,8 @@ from rosette_ros.core.diagnosis.verdict import (
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
 from rosette_ros.core.number_words import micrometres, multiple, p_words
+from rosette_ros.core.records import SI_UNITS
+from rosette_ros.core.stated_environment import LABORATORY
 from rosette_ros.words.effect_words import (
     MEANINGS,
     SCALES,
@@ -75,6 +77,8 @@ MOVES: dict[type[Motion], str] = {
 SIGNIFICANT = 2.0
 """Standard uncertainties from which on a component is said; the largest always is."""
 MOST_SIZES = 3
+MOST_OF_U = 0.5
+"""Share of a variance from which on it is most of it."""
 LIKELY, MOST_LAWS = 0.03, 3
 """Probability of a law from which on it is said, and so many at most."""
 SAID_ELSEWHERE = ('axes', 'ball', 'reading', 't0', 't1')
@@ -88,7 +92,7 @@ def verdict_text(verdict: Verdict) -> VerdictText:
         return VerdictText(verdict.outcome, verdict.reason, f'Measure the missing balls{remove}.')
     actions = '; '.join(_actions(verdict))
     return VerdictText(verdict.outcome, ' '.join(_sentences(verdict)), f'{capital(actions)}.' if actions else
-                       NOTHING_TO_DO, tuple(_limits(verdict)))
+                       NOTHING_TO_DO, tuple(_limits(verdict)), verdict.unseen)
 
 
 def titles(every: Iterable[str]) -> str:
@@ -142,6 +146,8 @@ def _sentences(verdict: Verdict) -> list[str]:
         out.append(f'Possible, but not certain: {likely}.')
     if not verdict.has_motions:
         out.append('The model has no error motions of the table: their curves are zero by assumption.')
+    if (one := verdict.unseen) and one.environment and one.share > MOST_OF_U:
+        out.append(f'Most of U of {one.curve} is what this order cannot show, first of all {title_of(one.largest)}.')
     return out
 
 
@@ -171,7 +177,20 @@ def _outcome(verdict: Verdict) -> list[str]:
                     f'{micrometres(before.rms)} shows no structure.']
         case Outcome.DOUBTFUL_READINGS:
             return [f'The model fits, but there are doubts about the readings: {_against_repeatability(before)}.']
-    return [f'The model fits: {_against_repeatability(before)}.']
+    return [f'The model fits{_unseen(verdict)}: {_against_repeatability(before)}.']
+
+
+def _unseen(verdict: Verdict) -> str:
+    """Return what U contains of what the order cannot show, as it follows that the model fits."""
+    one = verdict.unseen
+    if one is None:
+        return ''
+    if one.environment:
+        return f', with what this order cannot show in U (environment: {one.environment})'
+    scale = scale_of(SI_UNITS[one.curve])
+    alone, whole = (f'{fixed(scale.factor * u, decimals(scale.factor * one.alone))} {scale.unit}'
+                    for u in (one.alone, one.whole))
+    return f', with U of {one.curve} {alone} without what this order cannot show; {whole} in a {LABORATORY.name}'
 
 
 def missing_words(one: MissingEffect) -> str:
@@ -272,6 +291,9 @@ def _actions(verdict: Verdict) -> list[str]:
                    'than chance')
     if not verdict.has_motions:
         out.append('add the error motions of the table to the model')
+    if (one := verdict.unseen) and (not one.environment or one.share > MOST_OF_U):
+        state = '' if one.environment else 'state the environment of the cell, or '
+        out.append(f'{state}measure in the order sensitive')
     return out
 
 

@@ -10,6 +10,7 @@ from synthetic import MICROMETRE, RADIUS
 
 from benchmarks.bench_coverage import coverage
 from rosette_ros.core.budget_inputs import BudgetInputs
+from rosette_ros.core.budget_lines import root_mean
 from rosette_ros.core.budget_monte_carlo import monte_carlo
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.error_summary import fit_lines
@@ -18,9 +19,11 @@ from rosette_ros.core.form_field import form_basis
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
+from rosette_ros.core.model.surroundings import surrounded
 from rosette_ros.core.planning.visibility import visibility
+from rosette_ros.core.stated_environment import CLASSES
 from rosette_ros.core.touches import centre_factors, usual_directions
-from rosette_ros.core.uncertainty_budget import TouchScatter, budget, root_mean
+from rosette_ros.core.uncertainty_budget import TouchScatter, budget
 from rosette_ros.presentation.budget_results import together_words
 
 pytestmark = pytest.mark.long
@@ -272,3 +275,25 @@ def test_the_six_errors_of_a_point_scatter_together(make_run):
     np.testing.assert_allclose(found.correlation, expected / (sizes[:, :, None] * sizes[:, None, :]), atol=0.06)
     np.testing.assert_allclose(found.reach, np.sqrt(special.chdtri(6, 0.0455)), rtol=0.04)
     assert together_words(found).endswith('standard deviations (normal: 3.58).')
+
+
+def test_curves_and_u_over_explanations(make_run):
+    """Two explanations, 3 to 1: mean and variance of each point by the law of total variance; the same for ranges."""
+    run = make_run(6, 'row', noise=NOISE)[0]
+    inputs = BudgetInputs(environment=CLASSES['laboratory'])
+    plain, other = fit(run), fit(run, Model().with_effect('plate_creep'), [{}])
+    made = budget(plain, inputs, explanations=[(0.6, plain), (0.2, other)])
+    one, two = (surrounded(each, inputs.environment).error_motions for each in (plain, other))
+    mean = 0.75 * one.values + 0.25 * two.values
+    square = 0.75 * (one.u**2 + (one.values - mean)**2) + 0.25 * (two.u**2 + (two.values - mean)**2)
+    np.testing.assert_allclose(made.error_motions.values, mean, rtol=1e-9, atol=1e-15)
+    larger = square > one.u**2
+    np.testing.assert_allclose(made.error_motions.u[larger]**2, square[larger], rtol=1e-6)
+    assert lines(made)['other explanations'].is_hidden
+    for place, line in enumerate(made.lines()):
+        high, low = mean[:, place].argmax(), mean[:, place].argmin()
+        steps = [each.values[high, place] - each.values[low, place] for each in (one, two)]
+        assert line.spread.moments[0] == pytest.approx(line.range) == pytest.approx(0.75 * steps[0] + 0.25 * steps[1])
+    alone, whole = budget(plain, inputs), budget(plain, inputs, explanations=[(0.97, plain)])
+    np.testing.assert_allclose(whole.error_motions.u, alone.error_motions.u, rtol=1e-12)
+    assert [one.u_range for one in whole.lines()] == pytest.approx([one.u_range for one in alone.lines()])

@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS
+from rosette_ros.core.budget_inputs import BOUNDS, ENVIRONMENT, SECTIONS
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.io.budget_file import SCHEMA, budget_inputs, read_budget
+from rosette_ros.core.stated_environment import CLASSES, KINDS
+from rosette_ros.io.budget_file import SCHEMA, budget_inputs, read_budget, read_stated
 
 
 def of(**sections):
@@ -31,11 +32,13 @@ def test_the_example_is_read():
     """All of its sections exist, those that are commented out included."""
     path = Path(__file__).parents[2] / 'config' / 'budget.yaml'
     found = read_budget(path)
-    whole = yaml.safe_load('\n'.join(line[2:] if line.startswith(('# touches', '# hidden', '#   ')) else line
+    sections = ('# touches', '# hidden', '# environment', '#   ')
+    whole = yaml.safe_load('\n'.join(line[2:] if line.startswith(sections) else line
                                      for line in path.read_text().splitlines()))
-    assert {*whole} == {'schema', BOUNDS, *SECTIONS}
+    assert {*whole} == {'schema', BOUNDS, ENVIRONMENT, *SECTIONS}
     assert {*found.values} == {*SECTIONS} - {'touches'}
     assert budget_inputs(whole).bounds
+    assert {*budget_inputs(whole).environment.sizes} == {*KINDS}
 
 
 @pytest.mark.parametrize(('given', 'words'), [
@@ -50,8 +53,44 @@ def test_the_example_is_read():
     ({'radius': {'u_um': 1.0, 'words': 3}}, 'radius: words: wanted a text of at most 300 characters, got 3'),
     ({'radius': 3}, 'b.yaml: radius: wanted a mapping, got 3'),
     ({'hidden_effects': {'drift': 1.0}}, "b.yaml: hidden_effects: wanted one of .*, got 'drift'"),
+    ({'environment': {}}, r'b.yaml: environment: wanted a class \(laboratory, workshop\) or some of .*got none'),
+    ({'environment': {'class': 'hall'}}, "environment: class: wanted one of laboratory, workshop, got 'hall'"),
+    ({'environment': {'class': ['hall']}}, 'environment: class: wanted one of laboratory, workshop, got'),
+    ({'environment': {'drift': 1}}, "environment: wanted one of class, machine, .*, got 'drift'"),
+    ({'environment': {'machine': 0.3}}, "environment: machine: wanted {um: 0.3, words: 'whence it is'}, got 0.3"),
+    ({'environment': {'machine': {'um': 0.3}}}, 'environment: machine: words: wanted a text of .*, got None'),
+    ({'environment': {'machine': {'words': 'test'}}}, 'environment: machine: um: wanted a positive number, got None'),
+    ({'environment': {'table_zero': {'um': 1}}}, "environment: table_zero: wanted one of urad, words, got 'um'"),
+    ({'environment': {'effects': {'drift': {}}}}, "environment: effects: wanted one of .*, got 'drift'"),
+    ({'environment': {'effects': 1}}, 'environment: effects: wanted a mapping, got 1'),
     ({'schema': 'x'}, 'b.yaml: wanted a mapping with "schema: rosette-budget/1"')])
 def test_mistakes_are_named(given, words):
     """File, section, entry, what was wanted and what came."""
     with pytest.raises(InvalidData, match=words.replace('?', r'\?')):
         budget_inputs({'schema': SCHEMA, **given}, 'b.yaml')
+
+
+def test_an_environment_is_a_class_or_numbers_or_both():
+    """Numbers take the place of those of the class; each has its source; effects are by themselves."""
+    lab = of(environment={'class': 'laboratory'}).environment
+    assert lab.name == 'laboratory' and lab.sizes == CLASSES['laboratory'].sizes and not lab.effects
+    both = of(environment={'class': 'workshop', 'machine': {'um': 0.8, 'words': 'ISO 230-3 of 2026-03-01'},
+                           'effects': {'frame_cycle': {'um': 0.05, 'words': 'air conditioning'}}}).environment
+    assert both.name == 'workshop, with numbers of the cell'
+    assert both.sizes['machine'] == (pytest.approx(0.8e-6), 'ISO 230-3 of 2026-03-01')
+    assert both.sizes['bearing'] == CLASSES['workshop'].sizes['bearing']
+    assert both.effects['frame_cycle'].value == pytest.approx(0.05e-6)
+    own = of(environment={'table_tilt': {'urad': 2, 'words': 'test'}}).environment
+    assert own.name == 'stated' and {*own.sizes} == {'table_tilt'}
+    assert of().environment is None and not of().is_stated and of(environment={'class': 'workshop'}).is_stated
+
+
+def test_a_class_takes_the_place_of_that_of_a_file(tmp_path):
+    """And stands alone where there is no file."""
+    path = tmp_path / 'b.yaml'
+    path.write_text(f'schema: {SCHEMA}\nradius: {{u_um: 1}}\nenvironment: {{class: workshop}}\n')
+    assert read_budget(path).environment.name == 'workshop'
+    assert read_stated(path, 'laboratory')['environment'] == {'class': 'laboratory'}
+    assert 'radius' in read_stated(path, 'laboratory')
+    assert read_stated(None, 'laboratory') == {'schema': SCHEMA, 'environment': {'class': 'laboratory'}}
+    assert read_stated(None) is None

@@ -13,11 +13,13 @@ from rosette_ros.core.diagnosis.verdict import MissingEffect, Outcome, Residual,
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.core.stated_environment import Unseen
 from rosette_ros.presentation.formatting import glued
 from rosette_ros.words.effect_words import between_words
 from rosette_ros.words.verdict_words import (
     HEADLINES,
     MOVES,
+    NOTHING_TO_DO,
     chance,
     does_words,
     missing_words,
@@ -143,3 +145,21 @@ def test_words_that_a_metrologist_would_not_use_are_gone():
                 for path in (PACKAGE / folder).rglob('*') if path.suffix in ('.py', '.j2')
                 for word in ('pip install', '`rosette ', '(--identity') if word in path.read_text('utf-8')]
     assert (found, commands) == ([], [])
+
+
+def test_a_verdict_says_what_u_lacks_or_has_of_what_the_order_hides():
+    """In its first line; and what to do where that is most of U."""
+    lacks = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
+        '', 'ctz', 5.2e-8, 2.04e-7, 'frame_drift', 0.9)))
+    assert lacks.sentence.startswith('The model fits, with U of ctz 0.052 µm without what this order cannot show; '
+                                     '0.204 µm in a laboratory: the residual of')
+    assert lacks.action == 'State the environment of the cell, or measure in the order sensitive.'
+    has = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
+        'workshop', 'crz', 3e-7, 4.4e-6, 'table_zero_drift', 0.97)))
+    assert has.sentence.startswith('The model fits, with what this order cannot show in U (environment: workshop): ')
+    assert has.sentence.endswith("Most of U of crz is what this order cannot show, first of all drift of the table's "
+                                 'angle.')
+    assert has.action == 'Measure in the order sensitive.'
+    small = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
+        'laboratory', 'crz', 3e-7, 3.1e-7, 'table_zero_drift', 0.1)))
+    assert small.action == NOTHING_TO_DO and 'Most of U' not in small.sentence

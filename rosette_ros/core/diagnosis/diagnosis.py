@@ -31,6 +31,7 @@ from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
+from rosette_ros.core.model.surroundings import unseen
 from rosette_ros.core.records import Floats, Run, resolution_of
 
 GUARD = 0.05
@@ -100,8 +101,9 @@ class Finding:
     @property
     def verdict(self) -> Verdict:
         """The one decision."""
-        return decide(self.fit, self.final, self.missing, self.unnamed, self.claims, self.of_terms, self.doubtful,
-                      self.invisible, self.not_needed)
+        found = decide(self.fit, self.final, self.missing, self.unnamed, self.claims, self.of_terms, self.doubtful,
+                       self.invisible, self.not_needed)
+        return found if found.model_fails else replace(found, unseen=unseen(self.final))
 
     @property
     def unexplained(self) -> bool:

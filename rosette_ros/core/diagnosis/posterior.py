@@ -176,6 +176,10 @@ class Posterior:
         self.p = dict(zip(self.keys, (weight / weight.sum()).tolist()))
         self._places = {key: looked[key][1] for key in self.keys}
 
+    def places(self, key: Key) -> tuple[Place, ...]:
+        """Return the members of a hypothesis at their best settings."""
+        return self._places[key]
+
     def causes(self, run: Run, motions: Mapping[Place, MotionOf]) -> tuple[Cause, ...]:
         """Return what the members of the best hypothesis say; two that another one replaces are a Cause together.
 

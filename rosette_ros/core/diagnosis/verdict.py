@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rosette_ros.core.records import ROUNDED, Floats, Run, resolution_of
+from rosette_ros.core.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.diagnosis.posterior import Cause, Claim
@@ -72,9 +73,10 @@ LEVELS = {
 
 
 class Judged:
-    """What has an outcome."""
+    """What has an outcome; unseen: what U contains of what the order hides, None where that does not matter."""
 
     outcome: Outcome
+    unseen: Unseen | None
 
     @property
     def level(self) -> Level:
@@ -91,12 +93,13 @@ class Judged:
 class VerdictText(Judged):
     """A verdict in words, as messages and logs carry it: one or two sentences for a person, and what to do next.
 
-    limits: what the run cannot tell, a sentence each; messages do not carry them."""
+    limits: what the run cannot tell, a sentence each; messages carry neither them nor `unseen`."""
 
     outcome: Outcome
     sentence: str
     action: str
     limits: tuple[str, ...] = field(default=(), compare=False)
+    unseen: Unseen | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
@@ -246,6 +249,7 @@ class Verdict(Judged):
     has_motions: bool = True
     reason: str = ''
     added: tuple[str, ...] = ()
+    unseen: Unseen | None = None
 
     @property
     def look_alikes(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import ClassVar
 
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.joint.joint_evaluation import JointResult
@@ -36,6 +37,7 @@ class Conclusion:
     rms: float = 0.0
     p: float | None = None
     items: tuple[str, ...] = ()
+    unseen: ClassVar[None] = None
 
     @property
     def level(self) -> Level:

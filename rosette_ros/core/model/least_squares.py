@@ -177,6 +177,11 @@ class JointSpace:
         """Return the least-squares amplitudes (q,) of base-free observations (N, 3)."""
         return self._solve @ observed_perp.reshape(-1)
 
+    @cached_property
+    def without_effects(self) -> 'JointSpace':
+        """The base model alone."""
+        return JointSpace(self.space, self.columns[:0], self.columns[:0])
+
     @property
     def whitening(self) -> Whitening:
         """Of the noise."""

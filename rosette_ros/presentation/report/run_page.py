@@ -7,22 +7,23 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from rosette_ros.analysis import Summary
+from rosette_ros.analysis import Summary, explanations_of
 from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.error_summary import difference, doubt_of, fit_lines
+from rosette_ros.core.error_summary import difference, doubt_of, fit_lines, refuted
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.reduced_sets import relative_uncertainty
 from rosette_ros.core.sphere_refit import SphereRefit
-from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, touch_scatter
+from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.budget_results import budget_tables
+from rosette_ros.presentation.budget_results import beyond_words, budget_tables
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer
 from rosette_ros.presentation.plots import (
@@ -110,7 +111,8 @@ def budget_of(summary: Summary, refit: SphereRefit | None = None,
     fit = summary.fit
     if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
         return None
-    return budget(fit, inputs, touch_scatter(refit), doubt=doubt_of(summary.verdict))
+    explanations = explanations_of(summary.diagnosis, fit) if summary.environment else ()
+    return budget(fit, inputs, touch_scatter(refit), doubt=refuted(summary.verdict), explanations=explanations)
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
@@ -121,7 +123,7 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
     """
     run, fits, found = summary.run, fits_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
     rows = [Residuals(label, run, fit.residual) for label, fit in fits]
-    now = made.error_motions if made and made.inputs.values else summary.fit.error_motions
+    now = made.error_motions if made and made.inputs.is_stated else summary.fit.error_motions
     series = [*(Series(label, fit.error_motions) for label, fit in fits[1:]), Series(fits[0][0], now), *overlays]
     return {
         'curves': six_curves(series), 'residual_maps': residual_plots.residual_maps(rows), 'polar': polar_motions(now),
@@ -172,7 +174,7 @@ def every_table(summary: Summary, identity: Identity, refit: SphereRefit | None 
     """Return every table of a run; where inputs of the budget are stated, errors and curves have its U."""
     limits = identity.limits(summary.run.rotation)
     tables = {table.name: table for table in tables_of(summary, limits)}
-    if made and made.inputs.values:
+    if made and made.inputs.is_stated:
         lines, found = made.lines(limits, doubt_of(summary.verdict)), summary.found
         tables |= {table.name: table for table in (
             errors(lines, found=fit_lines(found) if found else ()),
@@ -184,7 +186,7 @@ def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
     """Return what the results of a run do not tell, in sentences."""
     run, every = summary.run, summary.visibilities
     reasons = [f'{title_of(one.name)} ({one.reason})' for one in every if one.reason]
-    what = ('what the uncertainty budget lists' if made and made.inputs.values else
+    what = ('what the uncertainty budget lists' if made and made.inputs.is_stated else
             'the scatter of the readings and the uncertainty of the effects in the model')
     return list(filter(None, (
         *text.not_known(run, summary.fit.gauge),
@@ -192,7 +194,7 @@ def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
         'The temperature was not recorded.' if not np.isfinite(run.temperature).any() else '', *(
             f'{note[0].upper()}{note[1:]}.' for note in run.notes),
         'The asynchronous error motion needs several runs.',
-        f'U contains {what}; it does not contain effects that are not in the model.')))
+        f'U contains {what}; it does not contain effects that are not in the model{beyond_words(made)}.')))
 
 
 def fits_of(summary: Summary) -> list[tuple[str, Fit]]:

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an order cannot show, as a prior of the one least squares: effects of the library, of the size that is stated.
+
+    y = B b + C a + sum over effects e of D_e a_e + noise,    b flat,    a ~ N(0, s^2), s of each column
+
+B is the base model, C what a model claims, D_e the columns of an effect at a few settings. An effect is there with the
+probability pi, at any of its K settings k alike, and then of the size s = size stated / sqrt(pi). The readings judge
+it: with the columns E of D_k that base and claims leave, in units of the noise, as the residual r is, E E' v = l v,
+
+    ln BF_k = 1/2 sum over v of (s^2 (v' E r)^2 / (1 + s^2 l) - ln(1 + s^2 l)),    w_k = pi / (1 - pi) BF_k / K
+
+and D_k enters with the variance s^2 w_k / (1 + sum of w). Where the order shows nothing BF is 1, and the variance from
+run to run remains that is stated; where it shows that nothing is there it goes to 0. See docs/uncertainty.md.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from rosette_ros.core.effects import motions as move
+from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
+from rosette_ros.core.effects.library import EFFECTS, effects_of
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.mixture import Mixture
+from rosette_ros.core.model.least_squares import HIDDEN, REFINED, Fit, observed
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
+from rosette_ros.core.stated_environment import KINDS, LABORATORY, Environment, Unseen
+
+EXPECTED = 2.0
+"""Effects that are there in a run, of all that may be."""
+MOST_SETTINGS = 24
+"""Settings that stand for all of an effect."""
+CAGE = (0.37, 0.39, 0.41, 0.43, 0.45, 0.47)
+"""Orders per turn of the cages of bearings."""
+LARGEST = 30.0
+"""Standard deviation of a claim before it is known, as displacement of a ball in that of the noise; what is found of
+it where that is more."""
+NEGLIGIBLE = 1e-4
+"""Share of the variance of each point below which a column is left out."""
+MATTERS = 1.2
+"""Ratio of U with an environment to U of the readings alone from which on the difference matters."""
+MOST_BALLS = 72
+"""Larger plates would take minutes."""
+CLAIMED = 'effects in the model'
+_OF_BODY = {'table axis': 'bearing', 'plate': 'plate', 'ball': 'plate'}
+
+
+@dataclass(frozen=True, eq=False)
+class Surrounded:
+    """A Fit in an environment.
+
+    error_motions: curves, their mean and u; there: the probability of each effect that may be there; owners: whose each
+    column is, `CLAIMED` or the effect; moved: what a unit of each does to the curves, (k, n, 6), and carried: its
+    covariance with them, so that u^2 less the part of the base model is the sum of moved x carried.
+    """
+
+    fit: Fit
+    environment: Environment
+    error_motions: ErrorMotions
+    there: Mapping[str, float]
+    owners: tuple[str, ...]
+    moved: Floats
+    carried: Floats
+
+    @cached_property
+    def parts(self) -> dict[str, Floats]:
+        """The part in the variance of each point, (n, 6), of what is claimed and of each effect that may be there."""
+        return self._by_owner(self.moved * self.carried)
+
+    @cached_property
+    def shares(self) -> dict[str, Floats]:
+        """The share of each effect that may be there in the mean variance of each curve, (6,), the largest first."""
+        whole = np.maximum(np.mean(self.error_motions.u**2, axis=0), 1e-300)
+        out = {name: np.mean(part, axis=0) / whole for name, part in self.parts.items() if name != CLAIMED}
+        return dict(sorted(out.items(), key=lambda pair: -float(pair[1].max())))
+
+    @property
+    def growth(self) -> Floats:
+        """How many times U of each point is that of the readings alone, (n, 6)."""
+        alone = self.fit.error_motions.u
+        return np.divide(self.error_motions.u, alone, out=np.ones(alone.shape), where=alone > 0)
+
+    def difference_parts(self, high: Sequence[int], low: Sequence[int]) -> dict[str, Floats]:
+        """Return those parts of the variance of one point less another of each curve, (6,); high, low: 0..n-1."""
+        every = range(6)
+        moved, carried = (one[:, high, every] - one[:, low, every] for one in (self.moved, self.carried))
+        return self._by_owner(moved * carried)
+
+    def ranges(self, high: Sequence[int], low: Sequence[int], others: Floats) -> tuple[Mixture, ...]:
+        """Return the distribution of one point less another of each curve, 0..n-1; others: variance beside, (6,)."""
+        parts, every = self.difference_parts(high, low), range(6)
+        base = self.fit.weighted_sigma**2 * self.fit.joint.without_effects.difference_cofactor(high, low)
+        square, values = base + others + sum(parts.values()), self.error_motions.values
+        return tuple(Mixture.of_parts(float(step), float(square[place]), [
+            (p, float(parts[name][place])) for name, p in self.there.items()])
+            for place, step in enumerate(values[high, every] - values[low, every]))
+
+    def _by_owner(self, products: Floats) -> dict[str, Floats]:
+        """Return sums (...) of products (k, ...) by owner, none negative: effects take from each other what one shows.
+        """
+        owners = np.array(self.owners)
+        parts = {name: np.maximum(products[owners == name].sum(axis=0), 0) for name in (CLAIMED, *self.there)}
+        whole, added = products.sum(axis=0), sum(parts.values())
+        return {name: part * np.divide(whole, added, out=np.zeros(whole.shape), where=added > 0)
+                for name, part in parts.items()}
+
+
+def kind_of(effect: PhysicalEffect) -> str:
+    """Return to which of KINDS an effect belongs."""
+    if isinstance(effect.motion, move.TableTurn):
+        return 'table_zero'
+    return 'table_tilt' if isinstance(effect.motion, move.AxisTilt) else _OF_BODY.get(effect.body, 'machine')
+
+
+def at_ball(environment: Environment, run: Run) -> dict[str, float]:
+    """Return how far each effect that a run can have moves a ball, m, as standard deviation from run to run.
+
+    Effects of one number have equal parts of its variance."""
+    able, out = {name: kind_of(EFFECTS[name]) for name in _settings(run)}, {}
+    for name, kind in able.items():
+        if name in environment.effects:
+            out[name] = environment.effects[name].value
+        elif kind in environment.sizes:
+            several = sum(own == kind and other not in environment.effects for other, own in able.items())
+            lever = run.radius if KINDS[kind].unit == 'urad' else 1.0
+            out[name] = lever * environment.sizes[kind].value / several**0.5
+    return {name: size for name, size in out.items() if size > 0}
+
+
+def source_of(environment: Environment, name: str) -> str:
+    """Return whence the size of an effect in an environment is."""
+    return (environment.effects.get(name) or environment.sizes[kind_of(EFFECTS[name])]).source
+
+
+def unseen(fit: Fit, environment: Environment | None = None) -> Unseen | None:
+    """Return what U contains of what the order of a run hides; None where no environment is stated and none matters."""
+    if 'table_motions' not in fit.model.base or fit.run.n > MOST_BALLS:
+        return None
+    made = surrounded(fit, environment or LABORATORY)
+    at, curve = np.unravel_index(made.growth.argmax(), made.growth.shape)
+    if not environment and made.growth[at, curve] < MATTERS:
+        return None
+    shares = {name: float(one[curve]) for name, one in made.shares.items()}
+    alone, whole = (COVERAGE_FACTOR * float(one.u[at, curve]) for one in (fit.error_motions, made.error_motions))
+    return Unseen(environment.name if environment else '', CURVES[curve], alone, whole,
+                  max(shares, key=lambda name: shares[name], default=''), sum(shares.values()))
+
+
+@lru_cache(maxsize=4)
+def surrounded(fit: Fit, environment: Environment) -> Surrounded:
+    """Return a Fit in an environment, which the effects of its model have left."""
+    joint, run, sigma = fit.joint, fit.run, fit.weighted_sigma or 1.0
+    space, size = joint.space, 6 * run.n
+    places = (observed(run) - fit.beyond)[None]
+    own = space.residual(joint.every).reshape(len(joint.every), 3 * run.size)
+    blocks = list(_blocks(fit, environment, own))
+    rows = np.concatenate([own, *(one.rows for one in blocks)]) / sigma
+    bias = space.parameters(joint.every).curves.reshape(-1, size) if len(own) else np.zeros((0, size))
+    moved = np.concatenate([bias, *(one.curves for one in blocks)])
+    told, product = rows @ space.residual(places).reshape(-1) / sigma, rows @ rows.T
+    spread, hidden = _claims(fit), np.concatenate([np.zeros(0), *(one.spread for one in blocks)])
+    for _ in range(2):
+        scale = np.concatenate([spread, hidden])
+        lower = np.linalg.cholesky(np.eye(len(scale)) + product * scale[:, None] * scale)
+        weight = solve_triangular(lower, scale * told, lower=True)
+        found = np.abs(scale * solve_triangular(lower.T, weight))[:len(own)]
+        if np.all(found <= spread):
+            break
+        spread = np.maximum(spread, found)
+    steps = solve_triangular(lower, scale[:, None] * moved, lower=True)
+    values = space.parameters(places).curves[0] - (weight @ steps).reshape(run.n, 6)
+    variance = fit.weighted_sigma**2 * space.curve_cofactor() + np.sum(steps**2, axis=0).reshape(run.n, 6)
+    carried = scale[:, None] * solve_triangular(lower.T, steps)
+    return Surrounded(
+        fit, environment, replace(fit.error_motions, values=values, u=np.sqrt(variance)),
+        {one.name: one.there for one in blocks},
+        (*[CLAIMED] * len(own), *(one.name for one in blocks for _ in one.spread)),
+        moved.reshape(-1, run.n, 6), carried.reshape(-1, run.n, 6))
+
+
+def _claims(fit: Fit) -> Floats:
+    """Return standard deviations of all that a model claims, its amplitudes, then its nonlinear parameters."""
+    out = [LARGEST * fit.weighted_sigma / _reach(fit.joint.columns)]
+    for term, setting in zip(fit.model.terms, fit.settings):
+        brackets = term.effect.brackets(fit.run, setting)
+        out += [np.array([float(np.ptp(brackets[one.name])) / 2]) for one in term.effect.searched
+                if one.kind in REFINED and one.name in setting and one.name not in term.fixed]
+    return np.concatenate(out)
+
+
+def _reach(columns: Floats) -> Floats:
+    """Return how far each column (..., N, 3) moves a ball at most, m; 1 where it moves none."""
+    most = np.sqrt(np.sum(columns**2, axis=-1)).max(axis=-1)
+    return np.asarray(np.where(most > 0, most, 1.0))
+
+
+class _EffectBlock(NamedTuple):
+    """The columns of an effect that count: the probability that it is there, standard deviation of each amplitude (q,),
+    what the base model leaves of them (q, 3 N), and what they do to the curves, (q, 6 n)."""
+
+    name: str
+    there: float
+    spread: Floats
+    rows: Floats
+    curves: Floats
+
+
+def _blocks(fit: Fit, environment: Environment, own: Floats) -> Iterator[_EffectBlock]:
+    """Yield the _Blocks of an environment beside the claims of a fit, whose white rows are `own`, (q, 3 N)."""
+    run, space, noise = fit.run, fit.joint.space, fit.rms or 1.0
+    sizes, claimed = at_ball(environment, run), {term.name for term in fit.model.terms}
+    pi = EXPECTED / (len(sizes) + EXPECTED)
+    _, size, rows = np.linalg.svd(own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-300),
+                                  full_matrices=False)
+    basis, left = rows[size > HIDDEN], fit.white_residual.reshape(-1) / noise
+    left = left - (left @ basis.T) @ basis
+    least = NEGLIGIBLE * np.maximum(fit.error_motions.u**2, 1e-300)
+    for name in (one for one in sizes if one not in claimed):
+        slab, several = sizes[name] / pi**0.5, list(_columns(run, EFFECTS[name]))
+        columns = np.concatenate([one.reshape(-1, run.size, 3) for one in several])
+        rows = space.residual(columns).reshape(len(columns), -1)
+        rows[np.linalg.norm(rows, axis=1) < HIDDEN * np.linalg.norm(columns, axis=(1, 2))] = 0
+        seen, odds = (rows - (rows @ basis.T) @ basis) / noise, []
+        for one in several:
+            count = one.shape[0] * one.shape[1]
+            odds.append(_log_bayes(seen[:count].reshape(*one.shape[:2], -1), left, slab))
+            seen = seen[count:]
+        number = sum(map(len, odds))
+        log = np.concatenate(odds) + np.log(pi / (1 - pi) / number)
+        p = np.exp(log - np.logaddexp.reduce([0.0, *log]))
+        spread = slab * np.sqrt(np.repeat(p, [one.shape[1] for one in several for _ in one]))
+        curves = space.parameters(columns).curves
+        keep = np.max((spread[:, None, None] * curves)**2 / least, axis=(1, 2)) > 1
+        if np.any(keep):
+            yield _EffectBlock(name, float(p.sum()), spread[keep], rows[keep], curves[keep].reshape(-1, 6 * run.n))
+
+
+def _columns(run: Run, effect: PhysicalEffect) -> Iterator[Floats]:
+    """Yield columns of an effect at the settings that stand for all, those with as many amplitudes together.
+
+    (b, q, N, 3), m. Amplitudes of each function along all its directions, a vector of length 1, move a ball by at most
+    about one."""
+    groups: dict[int, list[Setting]] = {}
+    for setting in _settings(run)[effect.name]:
+        groups.setdefault(effect.width(run, setting), []).append(setting)
+    for some in groups.values():
+        made = effect.blocks(run, some)
+        directions = np.array([len(effect.motion.parts(run, setting)) for setting in some])
+        yield made / (_reach(made) * directions[:, None]**0.5)[..., None, None]
+
+
+@lru_cache(maxsize=2)
+def _settings(run: Run) -> dict[str, tuple[Setting, ...]]:
+    """Return the settings that stand for all of each effect that a run can have, by name.
+
+    Of choices those that no other one contains, as all three axes of the frame contain each; of the orders of a
+    bearing those of its cage. A table that comes from one side only has no backlash: its curves are those of this side.
+    """
+    out = {}
+    for name in effects_of(run):
+        one = EFFECTS[name]
+        if one.unavailable(run) or ('approach' in one.depends_on and np.ptp(run.approach) == 0):
+            continue
+        if name == 'asynchronous_motion':
+            out[name] = grid(motion=('radial', 'axial', 'tilt'), nu=CAGE)
+            continue
+        parts = {choice: frozenset(one.motion.parts(run, choice)) for choice in one.motion.settings(run)}
+        widest = [choice for choice, own in parts.items() if not any(own < other for other in parts.values())]
+        every = [Setting({**choice, **value}) for choice, value in product(widest, one.course.settings(run))]
+        every = [setting for setting in every if one.motion.goes_with(setting)]
+        if every:
+            places = np.linspace(0, len(every) - 1, min(MOST_SETTINGS, len(every))).astype(int)
+            out[name] = tuple(every[place] for place in places.tolist())
+    return out
+
+
+def _log_bayes(seen: Floats, left: Floats, size: float) -> Floats:
+    """Return ln BF of blocks (b, q, 3 N) of amplitudes of a size against nothing, (b,)."""
+    value, vector = np.linalg.eigh(seen @ np.swapaxes(seen, 1, 2))
+    told = np.einsum('bqd,bq->bd', vector, seen @ left)
+    grown = 1 + size**2 * np.maximum(value, 0)
+    return np.asarray(np.sum(told**2 * size**2 / grown - np.log(grown), axis=1) / 2)

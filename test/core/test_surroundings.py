@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""U in an environment: what an order hides counts as it is stated, what it shows as the readings say."""
+
+import numpy as np
+import pytest
+from synthetic import RADIUS
+
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.model.least_squares import fit
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.surroundings import CLAIMED, MATTERS, at_ball, kind_of, surrounded, unseen
+from rosette_ros.core.stated_environment import CLASSES, KINDS, LABORATORY, Environment, Size
+
+NOISE = 1e-7
+
+
+def only(name, size):
+    """Return an environment of one effect, m at a ball."""
+    return Environment(effects={name: Size(size, 'test')})
+
+
+@pytest.mark.parametrize('n', [6, 12])
+def test_a_hidden_drift_by_hand(make_run, n):
+    """The example of docs/uncertainty.md: the angle of the table drifts by S in a run in the order row.
+
+    Position i has the mean time i n + (n - 1) / 2 in units of the time between readings; the mean of the curve is free,
+    so that u grows by S n (i - (n - 1) / 2) / (n^2 - 1). Nothing of it is in the residuals: it is there or not as
+    before, and its variance that from run to run."""
+    one = fit(make_run(n, 'row', noise=NOISE)[0])
+    drift = 1e-6
+    made = surrounded(one, only('table_zero_drift', drift * RADIUS))
+    share = n * (np.arange(n) - (n - 1) / 2) / (n**2 - 1)
+    added = np.sqrt(made.error_motions.u[:, 5]**2 - one.error_motions.u[:, 5]**2)
+    np.testing.assert_allclose(added, np.abs(drift * share), rtol=1e-4)  # mean radius: 1e-5
+    np.testing.assert_allclose(made.error_motions.u[:, :5], one.error_motions.u[:, :5], rtol=1e-6)
+    np.testing.assert_allclose(made.error_motions.values, one.error_motions.values, atol=1e-6 * NOISE)
+    if n == 12:
+        assert added[0] == pytest.approx(0.4615e-6, rel=1e-3)
+
+
+def test_what_the_readings_exclude_does_not_count(make_run):
+    """Each effect of a workshop, in an order that shows it and a run that has none of it: U hardly grows."""
+    one = fit(make_run(8, 'random', noise=NOISE)[0])
+    made = surrounded(one, CLASSES['workshop'])
+    assert np.median(made.growth) < 1.05
+    assert np.abs(made.error_motions.values - one.error_motions.values).max(axis=0)[:3] == pytest.approx(
+        0, abs=0.5 * NOISE)
+    assert unseen(one) is None
+
+
+def test_what_is_there_moves_the_curves_back(make_run):
+    """A slip that the order shows in part is taken off without being named, and its probability is near 1."""
+    run = make_run(8, 'row', noise=NOISE)[0]
+    slip = EFFECTS['plate_slip'].columns(run, Setting(t0=float(run.time[30] - 20))) @ np.array([2e-6, -1e-6, 0.0])
+    moved = run.replace(centre=run.centre + slip)
+    one, made = fit(moved), surrounded(fit(moved), only('plate_slip', 1e-6))
+    wrong, left = (np.sqrt(np.mean((each.error_motions.values - fit(run).error_motions.values)[:, :3]**2))
+                   for each in (one, made))
+    assert made.there['plate_slip'] > 0.999
+    assert left < 0.2 * wrong
+
+
+def test_claims_leave_the_environment_and_have_a_prior(make_run):
+    """A claim that the order hardly shows has an uncertainty without a prior that no cell has."""
+    run = make_run(8, 'row', noise=NOISE)[0]
+    one = fit(run, Model().with_effect('frame_warmup'), [Setting(axes='xyz', tau=10 * float(run.time[-1]))])
+    made = surrounded(one, CLASSES['laboratory'])
+    assert 'frame_warmup' not in made.there
+    assert 'frame_warmup' in surrounded(fit(run), CLASSES['laboratory']).there
+    assert one.error_motions.u[:, :2].max() > 100 * NOISE > 4 * made.error_motions.u[:, :2].max()
+    assert np.max(made.parts[CLAIMED]) > 0
+
+
+def test_parts_add_up(make_run):
+    """What base model, claims and hidden effects add to the variance of each point is all of it."""
+    run = make_run(8, 'row', noise=NOISE)[0]
+    model = Model().with_effect('ball_slip')
+    one = fit(run, model, [Setting(ball=3, t0=1000.0)])
+    made = surrounded(one, CLASSES['workshop'])
+    base = one.weighted_sigma**2 * one.joint.space.curve_cofactor()
+    np.testing.assert_allclose(base + sum(made.parts.values()), made.error_motions.u**2, rtol=1e-9)
+    high, low = [0] * 6, [4] * 6
+    product = np.sum((made.moved[:, 0] - made.moved[:, 4]) * (made.carried[:, 0] - made.carried[:, 4]), axis=0)
+    np.testing.assert_allclose(sum(made.difference_parts(high, low).values()), product, rtol=1e-9)
+    largest = list(made.shares.values())
+    assert largest[0].max() == max(one.max() for one in largest)
+
+
+def test_effects_have_equal_parts_of_a_number(make_run):
+    """Of each number, but for those that are stated by themselves; angles act at the radius."""
+    run = make_run(6, 'random', noise=NOISE)[0]
+    sizes = at_ball(CLASSES['workshop'], run)
+    for kind, stated in CLASSES['workshop'].sizes.items():
+        square = sum(size**2 for name, size in sizes.items() if kind_of(EFFECTS[name]) == kind)
+        lever = RADIUS if KINDS[kind].unit == 'urad' else 1.0
+        assert np.sqrt(square) == pytest.approx(lever * stated.value)
+    finer = Environment('', CLASSES['workshop'].sizes, {'frame_drift': Size(1e-8, 'test')})
+    assert at_ball(finer, run)['frame_drift'] == 1e-8
+    assert at_ball(finer, run)['frame_step'] > sizes['frame_step']
+    assert at_ball(Environment(sizes={'plate': Size(0.0, 'glued')}), run) == {}
+
+
+def test_every_effect_belongs_to_a_number():
+    """None is forgotten."""
+    assert {kind_of(one) for one in EFFECTS.values()} == {*KINDS}
+
+
+def test_a_table_that_turns_one_way_has_no_backlash(make_run):
+    """Its curves are those of the side from which it comes."""
+    one_way, both = (at_ball(LABORATORY, make_run(6, 'random', turning=turning)[0])
+                     for turning in ('forward', 'alternate'))
+    assert 'table_backlash_angle' not in one_way and 'table_backlash_angle' in both
+
+
+def test_what_u_lacks_is_told_where_it_matters(make_run):
+    """In the order row without an environment; always where one is stated."""
+    one = fit(make_run(8, 'row', noise=NOISE)[0])
+    alone, stated = unseen(one), unseen(one, CLASSES['workshop'])
+    assert alone.environment == '' and alone.whole > MATTERS * alone.alone
+    assert stated.environment == 'workshop' and stated.whole > 3 * alone.whole
+    assert stated.largest in EFFECTS and 0 < stated.share <= 1
+    assert unseen(fit(make_run(8, 'random', noise=NOISE)[0]), CLASSES['workshop']) is not None
+
+
+def test_a_run_without_noise_has_an_environment(make_run):
+    """Nothing is divided by zero."""
+    made = surrounded(fit(make_run(6, 'row')[0]), LABORATORY)
+    assert np.all(np.isfinite(made.error_motions.u)) and np.all(made.growth >= 1)
