@@ -68,6 +68,11 @@ class CauseFamily:
         """Whether it has no name."""
         return self.effect is FREE
 
+    @property
+    def is_coarse(self) -> bool:
+        """Whether several continuous parameters are searched, on a coarse grid."""
+        return sum(one.kind != 'choice' for one in self.effect.searched) > 1
+
 
 @dataclass(frozen=True, eq=False)
 class Piece:

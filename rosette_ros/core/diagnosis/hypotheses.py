@@ -8,7 +8,7 @@ the best setting of each named family is kept in a pool, of which all pairs are 
 import math
 from collections.abc import Callable, Collection, Container, Iterator
 from functools import cached_property
-from itertools import combinations, combinations_with_replacement, product
+from itertools import combinations, combinations_with_replacement, islice, product
 
 import numpy as np
 import scipy  # which loads `optimize` where it is used: many runs have nothing to refine
@@ -259,9 +259,18 @@ class Search:
                 yield from self._with_pool(rest, near, set(state.names) - set(rest.names))
 
     def refined(self, state: State, offer: Suggestion) -> Member:
-        """Return the member of an offer, what is searched continuously refined beside a state."""
-        return refined(self.evidence, self.evidence.member(offer.family, offer.setting, offer.volume),
-                       lambda one: 2 * float(state.line(one.rows).max()))
+        """Return the member of an offer, what is searched continuously refined beside a state.
+
+        Of a coarse grid from the best place of it and from the next best one that this would not reach."""
+        def worth(one: Member) -> float:
+            return 2 * float(state.line(one.rows).max())
+
+        reached = offer.family.effect.brackets(self.evidence.run, offer.setting)
+        apart = (setting for setting in offer.next if any(
+            not min(reach) <= setting.number(name) <= max(reach) for name, reach in reached.items() if len(reach)))
+        starts = [offer.setting, *islice(apart, 1)]
+        return max((refined(self.evidence, self.evidence.member(offer.family, setting, offer.volume), worth)
+                    for setting in starts), key=worth)
 
     def _settled(self, state: State) -> State:
         """Return a state with every member searched again, and refined, beside the others, where that is better."""

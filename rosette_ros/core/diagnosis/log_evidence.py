@@ -40,6 +40,8 @@ SEARCHED = 1.0
 NEAR = 9.0
 """Log evidence by which an estimate, on the grid or of a kind of noise, may be wrong: what is worse by more than this
 is not looked at."""
+FURTHER = 32
+"""Settings of a coarse grid among which another place to refine is looked for."""
 SIZES = 2.0**np.arange(1, 15.25, 0.5)
 """Sizes of a member over sigma, the root of its square sum over all readings, that are summed over: from what can
 hardly be seen to what a cell stops for."""
@@ -176,13 +178,15 @@ class Blocks:
 class Suggestion:
     """What a family is worth beside a state: gain in log evidence, prior and all settings included.
 
-    setting: the best one; volume: as of Member.
+    setting: the best one; volume: as of Member; next: the best ones after it, of families with several continuous
+    parameters, of which the grid is coarse.
     """
 
     gain: float
     family: CauseFamily
     setting: Setting
     volume: float
+    next: tuple[Setting, ...] = ()
 
 
 class Evidence:
@@ -370,7 +374,9 @@ class State:
             if seen[own].any():  # of what this order hides altogether a run says nothing
                 best, whole = int(np.argmax(np.where(seen[own], value, -np.inf))), float(log_mean(value))
                 prior = family.log_prior - math.log(1 + self.names.count(family.name))
-                out.append(Suggestion(whole + prior, family, family.settings[best], whole - float(value[best])))
+                next_best = np.argsort(-value)[1:FURTHER] if family.is_coarse else ()
+                out.append(Suggestion(whole + prior, family, family.settings[best], whole - float(value[best]),
+                                      tuple(family.settings[place] for place in next_best)))
         return sorted(out, key=lambda one: -one.gain)
 
 
