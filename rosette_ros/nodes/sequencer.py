@@ -197,10 +197,10 @@ class Sequencer(ManagedNode):
         elif not response.success:
             self._do(job, job.sequence.fail(f'no log: {response.message}'))
         else:
-            if job.resumes:  # the log that it continues may lack what the sequencer has
-                self._publish_run(job)
             self._do(job, job.sequence.resume_asking(self.seconds(), restarted=True) if job.sequence.is_held
                      else job.sequence.begin(self.seconds()))
+            if job.resumes and not job.is_over and job.sequence.phase is not Phase.EVALUATION:
+                self._publish_run(job)  # the log that it continues may lack what the sequencer has
 
     def _on_ball_centre(self, message: BallCentre) -> None:
         job, answer = self._job, answer_of(message)

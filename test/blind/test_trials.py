@@ -239,10 +239,10 @@ def test_a_diagnosis_is_read_with_its_probabilities():
     assert said_now['levels'] == []
     laws = (('frame_drift',), 0.6), ((), 0.3)
     place = SimpleNamespace(name='frame_drift', is_free=False), {}
-    new.causes = (levels.Cause((place,), frozenset(['frame']), (('time', 'travel'), ('ball',)), 0.9, laws),)
+    new.causes = (levels.Cause((place,), ('frame',), (('time', 'travel'), ('ball',)), 0.9, laws),)
     assert answered(new)['levels'] == [{
-        'motion': 'frame', 'variables': [['ball', 'time'], ['ball', 'travel']], 'probability': 0.9,
-        'law': 'frame_drift', 'law_probability': 0.6, 'law_certain': False,
+        'motion': 'frame', 'motions': ('frame',), 'variables': [['ball', 'time'], ['ball', 'travel']],
+        'probability': 0.9, 'law': 'frame_drift', 'law_probability': 0.6, 'law_certain': False,
         'laws': [{'effect': 'frame_drift', 'probability': 0.6}, {'effect': None, 'probability': 0.3}]}]
     assert said_now['explanations'] == [{'members': ['frame_drift'], 'noise': 'white', 'probability': 0.9}]
 

@@ -70,7 +70,8 @@ def test_too_few_ball_centres(refused, make_table):
     path = make_table(edit=lambda lines: ['# balls: 6', *lines[:5 + 20]])
     line = refused('evaluate', path)
     assert 'too few ball centres: 20 of 36' in line
-    assert 'cannot determine the separation of table, plate and CMM' in line
+    assert 'give rank 51 where 53 is needed (at least 22 well spread ball centres)' in line
+    assert 'cannot determine ctz at table position 1, ctz at table position 2' in line
 
 
 MODELS = {

@@ -2,15 +2,12 @@
 """What a cell says at its start."""
 
 import io
-from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
-from rosette_ros.cell.client import CalibrationOutcome
-from rosette_ros.cli.cell import calibrate, keep_running
-from rosette_ros.core.errors import CellError
+from rosette_ros.calibration.state_machine import with_advice
+from rosette_ros.cli.cell import keep_running
 
 
 class EndedAtOnce:
@@ -29,17 +26,15 @@ class EndedAtOnce:
         raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize(('measured', 'log', 'words'), [
-    (7, Path('/data/run'), 'the disk is full; what was measured is in /data/run; continue with: resume /data/run'),
-    (7, None, 'the disk is full; what was measured is in no log'),
-    (0, None, 'the disk is full; nothing was measured')])
-def test_where_what_was_measured_is(measured, log, words):
+@pytest.mark.parametrize(('is_measured', 'log', 'words'), [
+    (True, '/data/run', 'the disk is full; what was measured is in /data/run; continue with: rosette calibrate '
+                        '--resume /data/run --domain 7'),
+    (True, '', 'the disk is full; what was measured is in no log'),
+    (False, '', 'the disk is full; nothing was measured')])
+def test_where_what_was_measured_is(is_measured, log, words):
     """A log that was deleted is not named, nor advised to be resumed."""
-    client = SimpleNamespace(
-        measured=measured, resume_command=lambda run: f'resume {run}',
-        calibrate=lambda **_: CalibrationOutcome(False, False, 'the disk is full', 'run', log, None))
-    with pytest.raises(CellError, match=f'^calibration failed: {words}$'):
-        calibrate(client)
+    for said in ('the disk is full', 'the disk is full; what was measured is in the log'):
+        assert with_advice(said, log, is_measured, ('--domain', '7')) == words
 
 
 def test_what_nodes_warn_of_at_the_start_is_shown(domain_id):

@@ -36,7 +36,8 @@ def test_json_is_that_of_the_contract(rosette, tables):
     levels = {one['motion']: one for one in got['levels']}
     assert set(levels) == {'frame', 'plate'}
     for one in levels.values():
-        assert set(one) == {'motion', 'variables', 'probability', 'law', 'law_probability', 'law_certain', 'laws'}
+        assert set(one) == {'motion', 'motions', 'variables', 'probability', 'law', 'law_probability', 'law_certain',
+                            'laws'}
         assert ['time'] in one['variables'] and one['law_probability'] <= one['probability'] <= 1
         assert one['laws'][0] == {'effect': one['law'], 'probability': one['law_probability']}
     assert (levels['frame']['law'], levels['plate']['law']) == ('frame_drift', 'plate_warp')

@@ -79,7 +79,7 @@ def test_service_events_and_feedback_decode_in_rosbags(library, store, tmp_path)
         store.types['rosette_msgs/msg/RunState'](
             header=store.types['std_msgs/msg/Header'](
                 stamp=store.types['builtin_interfaces/msg/Time'](1, 2), frame_id=''),
-            run_id='r', phase=3, order='row', done=4, total=9, text=''),
+            run_id='r', phase=3, order='row', done=4, total=9, text='', process=''),
         'rosette_msgs/msg/RunState')
     with LogWriter(tmp_path / 'log', 'log') as log:
         log.add_topic('/start/_service_event', definition)

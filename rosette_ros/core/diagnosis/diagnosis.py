@@ -334,16 +334,21 @@ class RunSearch:
                     if 'reading' in one.setting}
         if not readings:
             return frozenset()
-        rest = State(self.evidence, [one for place, one in enumerate(members) if place not in readings])
-        residual = rest.residual.reshape(-1, 3)
-        if self.base.noise.tail:
-            residual = self.base.joint.whitening.inverse(residual[None])[0]
+        others = self._unweighted(self.chosen)
+        own = {place: self._unweighted(State(self.evidence, self.chosen.without(place)))[row]
+               for place, row in readings.items()}
         out: set[int] = set()
-        for place in sorted(readings, key=lambda one: float(np.sum(residual[readings[one]]**2))):
-            others = np.delete(residual, [row for one, row in readings.items() if one not in out], axis=0)
-            if p_of_tail(residual[readings[place]], others) > GUARD:
+        for place in sorted(readings, key=lambda one: float(own[one] @ own[one])):
+            rest = np.delete(others, [row for one, row in readings.items() if one not in out], axis=0)
+            if p_of_tail(own[place], rest) > GUARD:
                 out.add(place)  # and is a part of the tail of those that are farther off
+                others[readings[place]] = own[place]
         return frozenset(out)
+
+    def _unweighted(self, state: State) -> Floats:
+        """Return what a state leaves of the readings, (N, 3), without the weights of a tail."""
+        left = state.residual.reshape(-1, 3)
+        return np.asarray(self.base.joint.whitening.inverse(left[None])[0]) if self.base.noise.tail else left.copy()
 
     @cached_property
     def null(self) -> Floats:

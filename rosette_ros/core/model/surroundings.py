@@ -166,7 +166,9 @@ def surrounded(fit: Fit, environment: Environment) -> Surrounded:
     spread, hidden = _claims(fit), np.concatenate([np.zeros(0), *(one.spread for one in blocks)])
     for _ in range(2):
         scale = np.concatenate([spread, hidden])
-        lower = np.linalg.cholesky(np.eye(len(scale)) + product * scale[:, None] * scale)
+        grown = product * scale[:, None] * scale
+        rounding = len(scale) * np.finfo(float).eps * float(np.diag(grown).max(initial=0.0))
+        lower = np.linalg.cholesky((1 + rounding) * np.eye(len(scale)) + grown)
         weight = solve_triangular(lower, scale * told, lower=True)
         found = np.abs(scale * solve_triangular(lower.T, weight))[:len(own)]
         if np.all(found <= spread):
