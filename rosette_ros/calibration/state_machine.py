@@ -161,7 +161,7 @@ class Sequence:
         self._skipped_last, self._is_aligned_again = True, False
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
-        self._unused = array('L')  # seq of the answers that came while another was waited for
+        self._unused = array('q')  # seq of the answers that came while another was waited for
         self._early = 0  # answers to targets that had not been asked
         self._pace = deque[float](maxlen=PACE_OF)  # when the last answers were taken, since the last pause
 
@@ -224,7 +224,7 @@ class Sequence:
 
     def _not_used(self) -> Commands:
         """Return what became of the answers to others than the target that was waited for, in one remark."""
-        seqs, self._unused = self._unused, array('L')
+        seqs, self._unused = self._unused, array('q')
         if not seqs:
             return ()
         several, low, high = len(seqs), min(seqs), max(seqs)

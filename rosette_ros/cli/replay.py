@@ -219,8 +219,11 @@ class LogPlayer(GraphClient):
         frames = frames_of(log.path)
         for run_id in run_ids:
             answers = log.runs[run_id]
-            self._runs.publish(run_message(answers, frames.get(run_id, []), self._node.get_clock().now().to_msg()))
-            self._states.publish(RunState(run_id=run_id, phase=RunState.PHASE_EVALUATION, done=answers.answered))
+            run = run_message(answers, frames.get(run_id, []), self._node.get_clock().now().to_msg())
+            run.process = f'{names.SEQUENCER} of a replay'
+            self._runs.publish(run)
+            self._states.publish(RunState(run_id=run_id, phase=RunState.PHASE_EVALUATION, done=answers.answered,
+                                          process=run.process))
             self._spin_until(partial(self._has_motions, run_id), timeout)
         return {one.run_id: one for one in self._motions}
 

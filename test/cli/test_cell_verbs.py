@@ -81,7 +81,7 @@ def test_demo_prints_every_part(demo):
     for words in ('repeatability check', 'table axis and frame', 'run', 'drift check'):
         assert words in demo.err
     assert '25 balls' in demo.err
-    for words in ('5 balls on R = 182.5 mm, 25 ball centres', 'EXC', 'U (k = 2)',
+    for words in ('5 balls on R = 182.5 mm, 25 ball centres', 'EXC', 'expanded uncertainty (k = 2)',
                   'The model fits', 'eccentricity', 'Difference to the truth: rms',
                   'expected 0.', f'rosette evaluate {demo.log}'):
         assert words in demo.out
@@ -183,7 +183,7 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
         assert not cell.log_dir.exists(), 'nothing was begun'
         done = rosette(*words, '--order', 'row', '--options', 'repeats: 4')
         assert done.code == 0
-        assert 'U (k = 2)' in done.out
+        assert 'expanded uncertainty (k = 2)' in done.out
         [log] = cell.log_dir.iterdir()
         assert f'Log: {log}' in done.out
         assert log.name.endswith('_row')
@@ -192,7 +192,7 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
             assert verdict.sentence in ' '.join(out.split())
         assert '4 balls' in done.err
         alone = rosette(*words, '--order', 'row', '--joint-with', 'nosuch')
-        assert (alone.code, 'U (k = 2)' in alone.out) == (2, True)
+        assert (alone.code, 'expanded uncertainty (k = 2)' in alone.out) == (2, True)
         assert alone.err.splitlines()[-1].startswith(
             'rosette: calibrate: --joint-with: the runs were not evaluated as one: error motions are published; '
             f'jointly with nosuch: run_id: wanted one of {log.name}, ')

@@ -13,7 +13,7 @@ def test_once_round(tmp_path, domain_id, rosette):
     """What is missing is named and added, the table corrected, the correction confirmed; the logs say so again."""
     done = rosette('demo', '--circle', '--balls', 6, '-o', tmp_path, '--domain', domain_id)
     assert done.code == 0, done.err
-    assert 'With it the residual standard deviation falls from' in ' '.join(done.out.split())
+    assert 'With them the residual standard deviation falls from' in ' '.join(done.out.split())
     assert 'The correction did what it promised: ' in done.out
     before, after = sorted(tmp_path.iterdir())
     correction, _ = read_correction(after / 'correction.yaml')

@@ -57,6 +57,7 @@ class MuteRecorder(Mute, Recorder):
             _ending=None,
             _told=('', 0),
             _over_since=math.inf,
+            _filled=set(),
             _requested=('', 0.0),
             get_namespace=lambda: '/rosette',
             _clock_topic='/clock',

@@ -72,7 +72,7 @@ class MuteSequencer(Mute, Sequencer):
             self,
             parameters=Parameters(VALUES, state_rate_hz=10.0, recorder_timeout_s=1.0, require_recorder=True),
             _targets=self,
-            _taken=set(),
+            _taken=set(), _unfinished=None,
             _frames=self,
             _states=self,
             _runs=self,

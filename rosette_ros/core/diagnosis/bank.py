@@ -322,7 +322,7 @@ class Bank:
         """Return the products T B v' of the blocks of each group with white rows (k, 3 N) that the model leaves.
 
         (b, q, k) by its key; is_open: of free courses, too."""
-        raw = whitening.adjoint(rows.reshape(len(rows), -1, 3)).astype(np.float32)
+        raw = whitening.adjoint(rows.reshape(len(rows), self.run.size, 3)).astype(np.float32)
         flat = np.concatenate([np.zeros((0, len(rows)), np.float32), *(
             part.products(raw) for part, pieces in self._parts if is_open or not pieces[0].key[1])])
         return {key: group.mixed(flat[group.column]) for key, group in self.groups.items() if is_open or not key[1]}
@@ -330,7 +330,7 @@ class Bank:
     def products_of(self, family: CauseFamily, rows: Floats,
                     whitening: Whitening) -> Iterator[tuple[Key, slice, Reals]]:
         """Yield the same products of the blocks of one named family, with the key of their group and place in it."""
-        raw = whitening.adjoint(rows.reshape(len(rows), -1, 3)).astype(np.float32)
+        raw = whitening.adjoint(rows.reshape(len(rows), self.run.size, 3)).astype(np.float32)
         for part, pieces in self._parts[self._parts_of[family.name]]:
             flat = part.products(raw)
             for piece in pieces:

@@ -308,11 +308,14 @@ class RunSearch:
     def claimed(self) -> tuple[tuple[Member, Claim], ...]:
         """The named members that are claimed, the one that explains most first.
 
-        What stands beside a larger motion without a name may be what this leaves: it is not claimed."""
+        What stands beside a larger motion without a name, or one of the same body and variable, may be a part of it: it
+        is not claimed."""
         members, claims = self.chosen.members, {one.name: one for one in self.posterior.claims}
-        largest = max((one.size for one in members if one.family.is_free), default=0.0)
+        unnamed = [one for one in members if one.family.is_free]
         out = [(one, claims[one.name]) for place, one in enumerate(members)
-               if one.name in claims and one.size >= largest and self._is_guarded(place)
+               if one.name in claims and self._is_guarded(place) and not any(
+                   other.size > one.size or motion_of(self.run, other.place).agrees(motion_of(self.run, one.place))
+                   for other in unnamed)
                and max(self._cause_of(one).probability, claims[one.name].together) >= CLAIM]
         falls = {one: State(self.evidence, [other for other, _ in out if other is not one]).rss for one, _ in out}
         return tuple(sorted(out, key=lambda pair: -falls[pair[0]]))

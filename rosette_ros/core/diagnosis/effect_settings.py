@@ -94,15 +94,12 @@ def _best(evidence: Evidence, others: Sequence[Member], place: int, term: Term) 
 
 
 def _check_choices(run: Run, term: Term) -> None:
-    """Raise where a fixed choice is none that this run offers, beside those before it."""
-    settings: Sequence[Setting] = term.effect.settings(run)
     for parameter in term.effect.searched:
         name = parameter.name
         if parameter.kind != 'choice' or name not in term.fixed:
             continue
-        known = sorted({setting[name] for setting in settings})
-        settings = [setting for setting in settings if setting[name] == term.fixed[name]]
-        if not settings:
+        known = sorted({setting[name] for setting in term.effect.settings(run)})
+        if term.fixed[name] not in known:
             if name == 'ball' and term.fixed[name] in range(1, run.n + 1):
                 raise NotDeterminable(f'{run.source}: {term.name} cannot be judged: ball {term.fixed[name]} was not '
                                       'measured')

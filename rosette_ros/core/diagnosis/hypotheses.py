@@ -16,6 +16,7 @@ import scipy  # which loads `optimize` where it is used: many runs have nothing 
 from rosette_ros.core.diagnosis.bank import CauseFamily
 from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, Suggestion
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.records import Floats, Ints
 
 MOST = 5
@@ -282,7 +283,8 @@ class Search:
             if offer:  # somewhere else, or with another choice, it may be better beside these others
                 others = [self.evidence.member(one.family, setting, offer.volume)
                           for setting in (offer.setting, *_other_choices(made))]
-                best = max((made, *others), key=lambda each: rest.line(each.rows).max())
+                seen = [each for each in others if np.sum(each.rows**2) >= HIDDEN_SHARE**2 * len(each.rows)]
+                best = max((made, *seen), key=lambda each: rest.line(each.rows).max())
                 if best is not made:
                     made = self.refined(rest, Suggestion(0.0, best.family, best.setting, best.volume))
             state = State(self.evidence, (*rest.members[:place], made, *rest.members[place:]))

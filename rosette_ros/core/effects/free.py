@@ -15,6 +15,7 @@ import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import Effect, Factors, Quantity, Searched, Setting
+from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Ints, Run
 
 NAME = 'free'
@@ -252,7 +253,12 @@ def _course(run: Run, of: str, kind: str) -> tuple[Floats, Floats]:
     names, kinds = of.split(TIMES), kind.split(', ')
     parts = []
     for name, own in zip(names[-len(kinds):], kinds):
-        one = next(v for v in variables(run) if v.name == name and own in v.kinds)
+        same = [v for v in variables(run) if v.name == name]
+        one = next((v for v in same if own in v.kinds), None)
+        if one is None:
+            known = dict.fromkeys(each for v in same for each in v.kinds)
+            raise InvalidModel(f'{run.source}: effect {NAME}: kind of {name}: wanted one of {", ".join(known)}, '
+                               f'got {own!r}')
         keep = one.kinds[own] > LEAST * one.kinds[own].max()
         parts.append((one.functions[keep], one.kinds[own][keep]))
     functions, variance = parts[0]
