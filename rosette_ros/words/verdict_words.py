@@ -209,9 +209,9 @@ def missing_words(one: MissingEffect) -> str:
     return f'{title}{place} ({chance(cause.law_probability)}){others}'
 
 
-def laws_words(cause: 'Cause') -> str:
-    """Return the likeliest laws of a cause: 'slip of one ball (95 %), creep of one ball (4 %)'."""
-    likely = [(law, p) for law, p in cause.laws if p >= LIKELY][:MOST_LAWS] or cause.laws[:1]
+def laws_words(cause: 'Cause', most: int = MOST_LAWS) -> str:
+    """Return so many of the likeliest laws of a cause: 'slip of one ball (95 %), creep of one ball (4 %)'."""
+    likely = [(law, p) for law, p in cause.laws if p >= LIKELY][:most] or cause.laws[:1]
     return ', '.join(f'{titles(law) if law else "no law of the library"} ({chance(p)})' for law, p in likely)
 
 
