@@ -19,7 +19,7 @@ from rosette_ros.presentation.plots import plot_style as style
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
 MEANING = {'ctx': 'radial in x', 'cty': 'radial in y', 'ctz': 'axial', 'crx': 'tilt about x',
            'cry': 'tilt about y', 'crz': 'angular positioning'}
-INCH = {'panels': 2.3, 'title': 0.3, 'foot': 0.42, 'head': 0.25}
+INCH = {'panels': 2.2, 'title': 0.3, 'foot': 0.42, 'head': 0.25}
 TRUE_LOOK: dict[str, Any] = {
     'color': style.INK, 'linewidth': 1.3, 'linestyle': style.DASHED, 'marker': 'x', 'markersize': 5, 'zorder': 5}
 EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+'})

@@ -47,7 +47,7 @@ from rosette_ros.words.result_words import comparison_words
 from rosette_ros.words.verdict_words import HEADLINES, title_of, verdict_text
 
 MOST_CANDIDATES, MOST_SHARES, MOST_WEAK = 8, 3, 5
-COLUMNS = {'causes': ('probability', 'moves', 'does', 'rms_after_um', 'check'),  # the sentence has the laws
+COLUMNS = {'causes': ('probability', 'does', 'rms_after_um', 'check'),  # the sentence says what moves, by which law
            'candidates': ('title', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
            'spheres': ('ball', 'readings', 'radius_mm', 'form_um', 'largest_form_um', 'systematic_um', 'p', 'moved_um'),
            'visibility': ('title', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
