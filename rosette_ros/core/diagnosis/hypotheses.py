@@ -5,7 +5,6 @@ Neither of two effects may be worth anything alone, so that a search that adds t
 the best setting of each named family is kept in a pool, of which all pairs are scored together.
 """
 
-import math
 from collections.abc import Callable, Collection, Container, Iterator
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement, islice, product
@@ -116,18 +115,17 @@ def _pair_log_bf(gram: Floats, product_: Floats, first: int, state: State) -> Fl
     """Return the log Bayes factors (b,) of pairs beside a state, each of the two at the best of PAIR_SIZES.
 
     gram, product_: (b, q, q), (b, q) beside the state; first: columns of the first of each pair. With S = diag(sizes),
-    det and square sum are those of the Cholesky factor of [[1 + S G S, S p], [p' S, y'y]]."""
+    ln BF = -1/2 ln det(1 + S G S) - m/2 ln(1 - p' S (1 + S G S)^-1 S p / y'y)."""
     count, q = product_.shape
-    best, system = np.full(count, -np.inf), np.empty((count, q + 1, q + 1))
+    best, own = np.full(count, -np.inf), np.arange(q)
     for one, other in product(PAIR_SIZES, PAIR_SIZES):
-        size = np.where(np.arange(q) < first, one, other)
-        system[:, :q, :q] = size[:, None] * gram * size
-        system[:, q, :q] = size * product_
-        system[:, q, q] = state.left * (1 + 1e-9)
-        system[:, np.arange(q), np.arange(q)] += 1
-        root = np.einsum('bii->bi', np.linalg.cholesky(system))
-        best = np.maximum(best, -np.log(root[:, :q]).sum(axis=1)
-                          - state.evidence.dof * np.log(root[:, q] / math.sqrt(state.left)))
+        size = np.where(own < first, one, other)
+        system = size[:, None] * gram * size
+        system[:, own, own] += 1 + 1e-9 * np.abs(system[:, own, own])  # of what nothing is left of, there is rounding
+        root = np.linalg.cholesky(system)
+        fall = np.sum(np.linalg.solve(root, (size * product_)[..., None])[..., 0]**2, axis=1)
+        worth = np.log1p(-np.minimum(fall / state.left, 1 - 1e-12))
+        best = np.maximum(best, -np.log(np.einsum('bii->bi', root)).sum(axis=1) - 0.5 * state.evidence.dof * worth)
     return best
 
 

@@ -352,9 +352,10 @@ class State:
     def offer(self, family: CauseFamily) -> Suggestion | None:
         """Return the Suggestion of one named family beside the members; None where it cannot be seen."""
         evidence, bank = self.evidence, self.evidence.bank
+        rows = self.rows if len(self.rows) else np.zeros((1, evidence.y.size))
         return next(iter(self._suggested([family], [
             (bank.groups[key].number[place], evidence.blocks[key].within(place), across if len(self.rows) else None)
-            for key, place, across in bank.products_of(family, self.rows, evidence.space.whitening)])), None)
+            for key, place, across in bank.products_of(family, rows, evidence.space.whitening)])), None)
 
     def _suggested(self, families: Sequence[CauseFamily],
                    parts: Sequence[tuple[Ints, Blocks, Reals | None]]) -> list[Suggestion]:
