@@ -18,9 +18,8 @@ from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, find, fitted_with_noise, judge
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, find, fitted_with_noise, judge, search_of
 from rosette_ros.core.diagnosis.effect_settings import choose_settings, families_of_terms
-from rosette_ros.core.diagnosis.explained import explained
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
@@ -58,7 +57,9 @@ def in_environment(verdict: Verdict, final: Fit, environment: Environment | None
 
 def explanations_of(found: Finding, fitted: Fit) -> tuple[tuple[float, Fit], ...]:
     """Return the explanations of a run, fits with probabilities; none for a fit that lacks what is claimed."""
-    return () if found.missing and fitted is not found.final else explained(found.fit.run, found.model)
+    if found.missing:
+        return fitted.explanations
+    return search_of(found.fit.run, found.model).explained
 
 
 def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMotions:

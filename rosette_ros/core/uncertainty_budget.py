@@ -18,7 +18,7 @@ from scipy import optimize, special
 
 from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
 from rosette_ros.core.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
-from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes, lines_of
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.form_field import form_basis, standard_height
 from rosette_ros.core.geometry import radial, rotate_z
@@ -105,8 +105,7 @@ class Budget:
         p, every = zip(*self.explained)
         spreads = [one.ranges(high, low, others) for one in every]
         together = [Mixture.together(p, some) for some in zip(*spreads)]
-        lines = error_lines(motions, np.sqrt([one.moments[1] for one in together]), tolerances, doubt)
-        return tuple(replace(line, spread=one) for line, one in zip(lines, together, strict=True))
+        return lines_of(motions, together, tolerances, doubt)
 
     @property
     def effective_dof(self) -> Floats:

@@ -43,7 +43,7 @@ CURVE_UNITS = tuple(f'µ{unit}' for unit in SI_UNITS.values())
 P_NOISE, CROSS_VALIDATION, VISIBLE, LIMIT = (
     'probability that it is noise', 'cross-validation error', 'visible part', 'detection limit')
 """Terms that every interface uses in the same words."""
-NOW, FOUND = 'as modelled now', 'with the cause found'
+NOW, FOUND = 'as modelled now', 'all explanations averaged'
 """The two models of a run whose verdict says that a cause is missing."""
 _GLUED = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ|→))|(?<=[±→=]) (?=[\d−])|(?<=[kR]) (?==)|'
                     r'(?<=\)) (?=/)|(?<=/) (?=µ)')

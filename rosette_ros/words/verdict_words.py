@@ -225,7 +225,8 @@ def moves_words(one: MissingEffect) -> str:
         return f'reading {cause.number("reading")} is off'
     if ball is not None:
         verb = f'ball {ball} {"moves" if verb.endswith("moves") else "is off"}'
-    return f'{verb} with {names(VARIABLES.get(first, first) for first, *_ in cause.variables)}'
+    others = ''.join(f', or with {names(VARIABLES.get(one, one) for one in some)}' for some in cause.or_with)
+    return f'{verb} with {names(VARIABLES.get(first, first) for first, *_ in cause.variables)}{others}'
 
 
 def _alike_words(some: Sequence[str]) -> str:

@@ -168,7 +168,7 @@ def test_the_report_is_three_pages(printed):
         pages[2].extend(['Messlabor Süd, Ring 1', 'No. T-0815', 'EXC 50 µm', 'place, date', 'signature',
                          'B. Leiter, head of laboratory'])
     if kind != 'clean':
-        pages[0].extend(['SYSTEMATIC EFFECT FOUND', MEANINGS['frame_drift'].look, 'with the cause found'])
+        pages[0].extend(['SYSTEMATIC EFFECT FOUND', MEANINGS['frame_drift'].look, 'all explanations averaged'])
     for sheet, wanted in zip(sheets, pages, strict=False):
         squeezed = re.sub(r'\s', '', sheet.text).lower()
         assert [one for one in wanted if re.sub(r'\s', '', one).lower() not in squeezed] == []

@@ -90,7 +90,7 @@ def test_all_missing_effects_are_explained_and_added(opened):
 def test_the_result_is_on_the_first_screen(opened):
     """The six ranges with U, without scrolling."""
     page = opened()
-    expect(page.get_by_test_id('errors')).to_contain_text('with the cause found')
+    expect(page.get_by_test_id('errors')).to_contain_text('all explanations averaged')
     box = page.get_by_test_id('errors').get_by_role('table').bounding_box()
     assert box['y'] + box['height'] < 800
 

@@ -7,7 +7,7 @@ Nonlinear parameters enter the uncertainties by their tangents d(D a)/d(theta).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
 
@@ -20,6 +20,7 @@ from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.effects.run_functions import BodyMotion
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
+from rosette_ros.core.mixture import total
 from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
@@ -79,7 +80,8 @@ class Fit:
     of freedom, m; sigma: standard deviation of a coordinate in use for the uncertainties, m, and sigma_source, where it
     comes from; reduced_chi_square: (rms/repeatability) squared, None where the repeatability is unknown; lack_of_fit_p:
     probability that noise of the known repeatability leaves as much, None likewise; rms, sigma: of the size that noise
-    takes as 1; beyond: (N, 3) or (1, 3), m, second-order terms of which the readings were freed; gauge: what no
+    takes as 1; beyond: (N, 3) or (1, 3), m, second-order terms of which the readings were freed; explanations: fits
+    with probabilities of which the curves are the mean, none where they are those of this fit; gauge: what no
     three-rosette run can know, in words.
     """
 
@@ -101,6 +103,7 @@ class Fit:
     joint: 'JointSpace'
     noise: Noise
     beyond: Floats
+    explanations: tuple[tuple[float, 'Fit'], ...] = ()
     gauge: ClassVar[tuple[str, ...]] = GAUGE
 
     @cached_property
@@ -132,6 +135,13 @@ class Fit:
     def settings(self) -> tuple[Setting, ...]:
         """The settings of the effects, in the order of the model."""
         return tuple(effect.setting for effect in self.effects)
+
+    def over(self, explanations: Sequence[tuple[float, 'Fit']]) -> 'Fit':
+        """Return the fit with the curves, mean and u, over explanations with probabilities (law of total variance)."""
+        p, motions = np.array([one for one, _ in explanations]), [one.error_motions for _, one in explanations]
+        values, u = total(p / p.sum(), np.stack([one.values for one in motions]), np.stack([one.u for one in motions]))
+        return replace(self, error_motions=replace(self.error_motions, values=values, u=u),
+                       explanations=tuple(explanations))
 
 
 def mean_radius(run: Run) -> float:
