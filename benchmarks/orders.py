@@ -8,10 +8,10 @@ import argparse
 
 import numpy as np
 
+from benchmarks.order_cost import Judge, Order, Pace, journey
 from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
-from tools.order_cost import Judge, Order, Pace, journey
 
 COLUMNS = (('row', 'forward'), ('diagonal', 'forward'), ('diagonal', 'alternate'),
            ('column', 'forward'), ('random', 'forward'), ('random', 'alternate'),

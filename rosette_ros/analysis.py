@@ -162,8 +162,8 @@ class Summary:
     """All results of one run under one model.
 
     fit, comparison, diagnosis: of the model as given; ladder: from the base model over the model to all that is
-    claimed, effect after effect; advice: for the next run, None where there are too many balls to compare orders
-    unasked; environment: that is stated, None where none is.
+    claimed, effect after effect, () where it was not asked for; advice: for the next run, None where there are too many
+    balls to compare orders unasked; environment: that is stated, None where none is.
     """
 
     fit: Fit
@@ -186,7 +186,7 @@ class Summary:
     @property
     def final(self) -> Fit:
         """The Fit with all that is claimed: the best account of the run."""
-        return self.ladder[-1].fit
+        return self.diagnosis.final
 
     @property
     def found(self) -> Fit | None:
@@ -219,28 +219,33 @@ class Known:
 
 
 def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], object] | None = None,
-              on_part: Callable[[str, object], object] | None = None, known: Known | None = None) -> Summary:
+              on_part: Callable[[str, object], object] | None = None, known: Known | None = None,
+              has_ladder: bool = True) -> Summary:
     """Return the Summary of a run under a model (the base model if none is given).
 
     on_step: called with the name of each of STEPS before it is calculated; on_part: with 'fit' and with 'ladder', the
-    one up to the model as given, as soon as they are there; known: of the run, is not calculated again. Raises
-    NotDeterminable where the run does not determine the model.
+    one up to the model as given, as soon as they are there; known: of the run, is not calculated again; has_ladder:
+    whether it is asked for. Raises NotDeterminable where the run does not determine the model.
     """
     step, part = on_step or (lambda name: None), on_part or (lambda name, value: None)
     model, known = model or Model(), known or Known()
     step('evaluate')
-    found = next((one.fit for one in known.steps if one.fit.model == model), None) or analyse(run, model)
+    given = next((one for one in known.steps if one.fit.model == model), None)
+    found = given.fit if given else analyse(run, model)
     part('fit', found)
     step('compare')
     compared = comparison.compare(found)
     step('diagnose')
     diagnosis = diagnose(run, model)
-    step('ladder')
-    steps = ladder(run, model, known.steps)
-    part('ladder', steps)
-    steps = ladder(run, claimed_model(diagnosis), steps)
-    if diagnosis.terms:  # what the search found, which a search by name may miss by a little
-        steps = (*steps[:-1], replace(steps[-1], fit=diagnosis.final))
+    steps: tuple[LadderStep, ...] = ()
+    if has_ladder:
+        step('ladder')
+        given = given or LadderStep.of(found, cross_validation_rms(found))
+        before = ladder(run, model, (*known.steps, given))
+        part('ladder', before)
+        steps = ladder(run, claimed_model(diagnosis), before)
+        if diagnosis.terms:  # what the search found, which a search by name may miss by a little
+            steps = (*steps[:-1], replace(steps[-1], fit=diagnosis.final))
     step('advise')
     advice = known.advice or (advise_run(run) if run.n <= MOST_BALLS_ADVISED else None)
     return Summary(found, compared, diagnosis, steps, advice)

@@ -300,3 +300,15 @@ def test_python_needs_no_sourcing():
         outcome = subprocess.run([sys.executable, '-c', code], env=environment, capture_output=True, text=True,
                                  check=False)
         assert (outcome.stdout, outcome.stderr) == (shares, '')
+
+
+def test_a_long_step_says_on_a_terminal_how_far_it_is(clone, monkeypatch, capsys):
+    """How many of its steps Ninja has done, after every second; what was written is wiped out at the end."""
+    log = clone.STATE / 'log' / 'latest_build' / 'rosette_msgs' / 'stdout.log'
+    log.parent.mkdir(parents=True)
+    log.write_text('-- Configuring done\n[1/202] one\n[45/202] other\n')
+    monkeypatch.setattr(sys.stdout, 'isatty', lambda: True, raising=False)
+    clone.wait_for(subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(1.2)']))
+    shown = capsys.readouterr().out
+    assert shown.startswith(' 1 s, 45 of 202\b')
+    assert shown.endswith(f'{" " * 15}{15 * chr(8)}')

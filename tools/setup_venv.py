@@ -345,21 +345,44 @@ def run(command: list[str | Path], **variables: str) -> None:
     with LOG.open('a+', errors='replace') as log:
         print('$', *command, file=log, flush=True)
         began = log.tell()
-        outcome = subprocess.run(
+        process = subprocess.Popen(
             [str(part) for part in command],
             cwd=ROOT,
             env=clean_environment() | variables,
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
-            check=False,
         )
-        if outcome.returncode == 0:
+        try:
+            wait_for(process)
+        finally:
+            process.kill()
+        if process.returncode == 0:
             return
         log.seek(began)
         last = '\n'.join(log.read().splitlines()[-40:])
     program = Path(command[0]).name
     raise SetupError(f'{program} failed; all of its output is in {LOG.relative_to(ROOT)}, its end:\n{last}')
+
+
+def wait_for(process: subprocess.Popen[bytes]) -> None:
+    """Wait for the end of a program; on a terminal tell every second for how long, and how much is built."""
+    began, shown = time.monotonic(), ''
+    while process.poll() is None:
+        try:
+            process.wait(1.0)
+        except subprocess.TimeoutExpired:
+            if sys.stdout.isatty():
+                shown = f' {time.monotonic() - began:.0f} s{how_far()}'
+                print(shown + '\b' * len(shown), end='', flush=True)
+    print(' ' * len(shown) + '\b' * len(shown), end='', flush=True)
+
+
+def how_far() -> str:
+    """Return how many of its steps Ninja has done, in words; '' where it does nothing."""
+    logs = sorted((STATE / 'log' / 'latest_build').glob('*/stdout.log'), key=lambda path: path.stat().st_mtime)
+    steps = re.findall(r'^\[(\d+)/(\d+)\]', logs[-1].read_text(errors='replace'), re.MULTILINE) if logs else []
+    return f', {" of ".join(steps[-1])}' if steps else ''
 
 
 def clean_environment() -> dict[str, str]:

@@ -3,6 +3,7 @@
 
 Whoever drives it passes the time (steady, s) and carries out the commands that each step returns."""
 
+import math
 import shlex
 from array import array
 from collections import deque
@@ -128,10 +129,12 @@ def complaint(answer: Answer, target: Target, limits: Limits, frames: Collection
                 f'{answer.table_angle:.6f} rad{"; that is degrees, give radians" * degrees}')
     limit = limits.search if target.phase in (Phase.REPEATABILITY, Phase.ALIGNMENT) else limits.distance
     expected = target.centre if frame == asked else target.place
-    away = float(np.linalg.norm(np.subtract(answer.centre, expected)))
-    millimetres = float(np.linalg.norm(np.multiply(answer.centre, 1e-3) - np.asarray(expected))) <= limit
+    away = math.dist(answer.centre, expected)
+    if away <= limit:
+        return ''
+    millimetres = math.dist([1e-3 * one for one in answer.centre], expected) <= limit
     return (f'wanted a ball within {1e3 * limit:g} mm of the target, got {1e3 * away:.3f} mm'
-            f'{"; these are millimetres, give metres" * millimetres}') if away > limit else ''
+            f'{"; these are millimetres, give metres" * millimetres}')
 
 
 class Sequence:

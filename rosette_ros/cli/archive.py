@@ -77,7 +77,7 @@ def run_add(options: Namespace) -> int:
     model = read_model(options.model)
     identity = read_identity(options.identity) if options.identity else None
     logs = find_logs(options.folders)
-    with engine_of(options) as engine, progress() as show:
+    with progress() as show, engine_of(options) as engine:
         archive = RunArchive(options.into, make=True)
         added = add_logs(archive, logs, engine, model, identity, options.force, on_progress=show)
     if options.json:
@@ -210,7 +210,7 @@ def run_reanalyse(options: Namespace) -> None:
         raise UsageError(f'archive reanalyse: wanted two models, got one twice: {after}')
     archive = RunArchive(options.archive)
     logs, gone = reanalysis.logs_of(archive)
-    with engine_of(options) as engine, progress() as show:
+    with progress() as show, engine_of(options) as engine:
         for model in (before, after):
             add_logs(archive, logs, engine, model, keep_identity=True, on_progress=show)
     changes = reanalysis.side_by_side(archive, before, after)

@@ -12,7 +12,7 @@ from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.dcc_check import MOST_BYTES, Verified, verify_certificate
 from rosette_ros.certificate.statements import Certificate, Inputs, state
 from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
-from rosette_ros.cli.console import console, print_json, print_parts, print_verdict
+from rosette_ros.cli.console import console, doing, print_json, print_parts, print_verdict
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.io.budget_file import read_stated
 from rosette_ros.io.identity_file import Identity, read_identity
@@ -63,11 +63,13 @@ def make(options: Namespace) -> None:
         refuse_output(one, options.force)
     identity = read_identity(options.identity) if options.identity else Identity()
     several = is_joint(options)
-    certificate = state(options.run_path, Inputs(
+    inputs = Inputs(
         identity, identity['certificate.date'] or date.today().isoformat(),
         read_model(options.model).to_mapping() if options.model else None, options.run_id, several,
         read_sharing(options.share, len(options.run_path)) if several else {},
-        read_stated(options.inputs, options.environment)))
+        read_stated(options.inputs, options.environment))
+    with doing('evaluating'):
+        certificate = state(options.run_path, inputs)
     data = to_xml(certificate)
     made = pages(certificate, data, path.name) if options.pdf else b''
     write_bytes(path, data, options.force)
@@ -110,11 +112,13 @@ def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
 
 def check(options: Namespace) -> None:
     """Compare a certificate with its run; raises InvalidData where it is another one."""
-    for name in ('output', 'pdf', 'identity', 'model', 'share', 'inputs', 'environment'):
+    for name in ('output', 'pdf', 'run_id', 'identity', 'model', 'joint', 'share', 'inputs', 'environment', 'force'):
         if getattr(options, name):
-            raise UsageError(f'--{name}: does not go with --verify, which takes all from the certificate; leave it out')
-    found = verify_certificate(read_limited(options.verify, 'a certificate', MOST_BYTES), options.verify,
-                               options.run_path)
+            raise UsageError(f'--{name.replace("_", "-")}: does not go with --verify, which takes all from the '
+                             'certificate; leave it out')
+    data = read_limited(options.verify, 'a certificate', MOST_BYTES)
+    with doing('making the certificate again'):
+        found = verify_certificate(data, options.verify, options.run_path)
     if options.json:
         print_json({'schema': 'rosette-certificate-check/1', 'verified': True,
                     'largest_difference': 1e-6 * found.largest, 'signed': found.is_signed, 'programs': found.programs})

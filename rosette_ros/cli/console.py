@@ -4,7 +4,8 @@
 import json
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any
 
 import rich.table
@@ -45,6 +46,25 @@ def console(file: IO[str] | None = None) -> Console:
     if not out.is_terminal or out.width > WIDTH:
         out.width = WIDTH
     return out
+
+
+@contextmanager
+def doing(words: str, steps: int = 0) -> Iterator[Callable[..., None]]:
+    """Show on a terminal's stderr what is done, for how long, and how far it is, while the block runs.
+
+    Yields what is called with the next words, '' for the same, and the steps done since; steps: of all, 0 where that
+    is not known."""
+    screen = console(sys.stderr)
+    if not screen.is_terminal:
+        yield lambda words='', done=1: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = [SpinnerColumn(), TextColumn('{task.description}'),
+               *([BarColumn(bar_width=24), MofNCompleteColumn()] if steps else []), TimeElapsedColumn()]
+    with Progress(*columns, console=screen, transient=True) as bar:
+        task = bar.add_task(escape(words), total=steps or None)
+        yield lambda words='', done=1: bar.update(task, description=escape(words) or None, advance=done)
 
 
 def print_table(out: Console, data: Table) -> None:

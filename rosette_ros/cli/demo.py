@@ -136,7 +136,7 @@ def show_demo(out: Console, config: MachineConfig, log_path: Path, seconds: floa
               machine_s: float | None = None) -> None:
     """Print the results beside the truth, write picture and report; machine_s: time of the machine behind a server."""
     run, source = open_source(log_path)
-    summary = summarise(run) if run.n <= MOST_BALLS_ADVISED else None
+    summary = summarise(run, has_ladder=False) if run.n <= MOST_BALLS_ADVISED else None
     fit = analyse(run) if summary is None else summary.fit
     comparison, two = compare(fit, config, read_log(log_path).frame_of(run.run_id)), partial(fixed, places=2)
     title = f'Six error motions of a simulated rotary table: {run.n} balls on R = {millimetres(run.radius)}'

@@ -28,6 +28,7 @@ from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, pictu
 from rosette_ros.cli.console import (
     COLOURS,
     console,
+    doing,
     fit_rows,
     head,
     pairs,
@@ -168,7 +169,8 @@ def diagnose_arguments(parser: ArgumentParser) -> None:
 def run_diagnose(options: Namespace) -> None:
     """Print the diagnosis."""
     opened, other = Opened(options), open_run(options.check) if options.check else None
-    diagnosis = diagnose(opened.run, opened.model)
+    with doing('diagnosing'):
+        diagnosis = diagnose(opened.run, opened.model)
     check, invisible = None if other is None else cross_check(other, diagnosis), invisible_effects(diagnosis)
     if options.json:
         print_json(diagnosis_json(diagnosis, invisible, check))
@@ -291,11 +293,12 @@ def run_runs(options: Namespace) -> None:
     """Print the runs."""
     out = console()
     paths = runs_in(options.folder)
-    with out.status('') as status:
+    with doing('', len(paths)) as step:
         found = []
-        for place, path in enumerate(paths, 1):
-            status.update(f'{place} of {len(paths)}: {escape(path.name)}')
+        for path in paths:
+            step(path.name, 0)
             found.append(run_facts(path))
+            step()
     if options.json:
         print_json({'schema': 'rosette-runs/1', 'folder': options.folder, 'runs': found})
         return

@@ -87,7 +87,7 @@ def tell(out: Console, log_path: Path, model_path: str | None = None, whole: boo
     config, log = load_machine(log_path / MACHINE), read_log(log_path)
     run = log.to_run()
     mine = None if model_path is None else analyse(run, read_model(model_path))
-    summary = summarise(run)
+    summary = summarise(run, has_ladder=whole)
     out.print(f'\n{head(run)}')
     found = summary.final if mine is None else mine
     named = summary.diagnosis.missing if mine is None else tuple(term.name for term in mine.model.terms)

@@ -7,7 +7,7 @@ from functools import cached_property
 from rich.console import Console
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, explanations_of, find, in_environment
-from rosette_ros.cli.console import head, print_verdict, warn
+from rosette_ros.cli.console import doing, head, print_verdict, warn
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -48,12 +48,17 @@ class Opened:
     @cached_property
     def fit(self) -> Fit:
         """The least squares."""
-        return analyse(self.run, self.model)
+        with doing('evaluating'):
+            return analyse(self.run, self.model)
 
     @cached_property
     def finding(self) -> Finding | None:
         """What is missing, None where the plate has too many balls to judge it unasked."""
-        return find(self.fit.run, self.fit.model) if self.run.n <= MOST_BALLS_JUDGED else None
+        if self.run.n > MOST_BALLS_JUDGED:
+            return None
+        fit = self.fit
+        with doing('looking for what is missing'):
+            return find(fit.run, fit.model)
 
     @property
     def verdict(self) -> Verdict | None:

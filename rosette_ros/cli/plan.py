@@ -18,7 +18,7 @@ from rosette_ros import command, program
 from rosette_ros.analysis import advise, advise_run
 from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
-from rosette_ros.cli.console import console, pairs, print_json, print_parts, warn
+from rosette_ros.cli.console import console, doing, pairs, print_json, print_parts, warn
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core import axes
 from rosette_ros.core.effects.library import effect
@@ -247,11 +247,13 @@ def run_advise(options: Namespace) -> None:
     if options.run_path is not None and planned == (None, None):
         measured = Opened(options).run
         warn(measured)
-        advice = advise_run(measured, wanted, options.seed)
+        with doing('comparing orders'):
+            advice = advise_run(measured, wanted, options.seed)
         n, radius, run_id = measured.n, measured.radius, measured.run_id
     elif options.run_path is None and None not in planned:
         n, radius, run_id = options.balls, 1e-3 * options.radius_mm, ''
-        advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed)
+        with doing('comparing orders'):
+            advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed)
     else:
         raise UsageError('advise: wanted either RUN or both --balls and --order')
     if options.json:

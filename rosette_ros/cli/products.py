@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What follows from a run: a correction, whether it did what it promised, the uncertainty budget."""
 
-import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import MofNCompleteColumn, Progress
 
 from rosette_ros import command
 from rosette_ros.analysis import evaluate_jointly, explanations_of
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
-from rosette_ros.cli.console import COLOURS, console, head, print_json, print_parts, print_verdict, warn
+from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.budget_inputs import BudgetInputs
@@ -235,12 +233,9 @@ def show_budget(out: Console, made: Budget, found: MonteCarlo | None = None) -> 
 
 
 def _repeated(made: Budget, trials: int, seed: int) -> MonteCarlo:
-    """Return the Monte Carlo of a budget, with a progress bar on a terminal."""
-    screen = console(sys.stderr)
-    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=screen, transient=True,
-                  disable=not screen.is_terminal) as bar:
-        task = bar.add_task('Monte Carlo', total=trials)
-        return monte_carlo(made, trials, seed, lambda done: bar.advance(task, done))
+    """Return the Monte Carlo of a budget."""
+    with doing('Monte Carlo', trials) as step:
+        return monte_carlo(made, trials, seed, lambda done: step(done=done))
 
 
 IMPLEMENTED = {

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import analyse, curves_over, evaluate_jointly, summarise
+from rosette_ros.analysis import STEPS, analyse, curves_over, evaluate_jointly, summarise
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
-from rosette_ros.cli.console import console, head, print_verdict
+from rosette_ros.cli.console import console, doing, head, print_verdict
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import InvalidData
@@ -58,7 +58,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
     parser.add_argument('--tables', metavar='DIR', help='write every table as CSV, too')
-    parser.add_argument('--annex', action='store_true', help='open the annex of the page: it is then printed, too')
+    parser.add_argument('--annex', action='store_true', help='add the annex: all values and further figures')
     add_shared(parser, '--format', '--force')
 
 
@@ -88,7 +88,8 @@ def report_jointly(options: Namespace) -> None:
     path = output_of(options, 'joint')
     declared = read_sharing(options.share, len(options.run_path))
     opened = [open_with_files(one, options.run_id) for one in options.run_path]
-    result = evaluate_jointly([run for run, _ in opened], declared)
+    with doing('evaluating'):
+        result = evaluate_jointly([run for run, _ in opened], declared)
     identity, contradictions = joint_identity(options.run_path, options.run_id, options.identity)
     files = [one for _, files in opened for one in files]
     files += map(digest, filter(None, (options.share, options.identity)))
@@ -115,14 +116,14 @@ def report_run(options: Namespace, place: str) -> None:
         source = replace(source, files=(*source.files, *other_source.files))
     further = tuple(map(digest, filter(None, (options.model, options.identity, options.inputs))))
     source = replace(source, files=(*source.files, *further))
-    out = console()
-    with out.status('evaluating') as status:
-        summary = summarise(measured, model, lambda step: status.update(f'{step} …'))
+    out, is_whole = console(), bool(options.annex or options.figures or options.tables)
+    with doing('', len(STEPS) + is_whole) as step:
+        summary = summarise(measured, model, step, has_ladder=is_whole)
         summary = replace(summary, environment=inputs.environment if inputs else None)
-        status.update('drawing …')
+        step('draw')
         refit = touches_of(source)[0]
         made = budget_of(summary, refit, inputs)
-        pictures = pictures_of(summary, overlays, refit, made)
+        pictures = pictures_of(summary, overlays, refit, made, is_whole)
         write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs, options.annex),
                    options.force)
         write_parts(options, pictures, every_table(summary, source.identity, refit, made))
@@ -139,7 +140,7 @@ def compare_runs(options: Namespace) -> None:
         if given:
             raise InvalidData(f'report: {name} does not go with --compare; leave it out')
     verified = verification_of(options.compare, options.maker, read_model(options.model))
-    pictures = verification.verification_pictures(verified)
+    pictures = verification.verification_pictures(verified, bool(options.annex or options.figures))
     page = verification.verification_html(verified, options.command_line, pictures, options.annex)
     write_text(path, page, options.force)
     write_parts(options, pictures, verification.verification_tables(verified))
@@ -151,7 +152,8 @@ def verification_of(paths: Iterable[Path | str], maker: Path | str | None = None
     """Return the Verification of runs by their paths; maker: path of the maker's table."""
     opened = [open_source(path) for path in paths]
     table = read_maker(maker) if maker else None
-    return verify([(analyse(measured, model), source) for measured, source in opened], table)
+    with doing('evaluating'):
+        return verify([(analyse(measured, model), source) for measured, source in opened], table)
 
 
 def output_of(options: Namespace, name: str) -> Path:

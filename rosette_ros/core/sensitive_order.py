@@ -8,7 +8,7 @@ Each of n sweeps takes the table once round, one division after the other, forwa
 Every pair is measured once because v runs through 0..n-1. The shifts w_i fall by two over one part of the table and
 rise by one over the other, so that the CMM goes back one position a reading, or on by two, and the balls alternate.
 What slow effects show depends on v, d, w and the gaps between the sweeps alone. For the numbers of balls in SWEEPS they
-were found by tools/design_orders.py, for those in READINGS reading by reading; for all others a rule makes them.
+were found by benchmarks/design_orders.py, for those in READINGS reading by reading; for all others a rule makes them.
 """
 
 import string

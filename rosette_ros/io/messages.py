@@ -101,10 +101,17 @@ class Target(NamedTuple):
     @property
     def place(self) -> Floats:
         """Nominal place of its ball in the table frame, (3,), m."""
-        return rotate_z(self.table_offset, nominal_places(self.balls, self.radius, self.table_position, self.ball))
+        cmm_position = (self.table_position + self.ball - 2) % self.balls + 1
+        return _place(self.balls, self.radius, self.table_offset, cmm_position)
 
     def __str__(self) -> str:
         return f'target {self.seq} (table position {self.table_position}, ball {self.ball})'
+
+
+@lru_cache(maxsize=1024)
+def _place(balls: int, radius: float, offset: float, cmm_position: int) -> Floats:
+    """Return the nominal place at a CMM position, (3,), m: a run asks for each of them ball after ball."""
+    return rotate_z(offset, nominal_places(balls, radius, 1, cmm_position))
 
 
 class Answer(NamedTuple):

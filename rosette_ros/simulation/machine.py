@@ -37,6 +37,8 @@ from rosette_ros.simulation.setting_types import Axis, Number, Seed, Settings, V
 MAX_BYTES = 65536  # of a machine file
 STEEPEST = 0.5
 """A ball is reached from directions up to 60 degrees from the axis; then plate and stem are in the way."""
+NEXT, LAST = [1, 2, 0], [2, 0, 1]
+"""Of each coordinate the one after it, and the one before it."""
 
 
 class PlacementSettings(Settings):
@@ -407,5 +409,10 @@ def rotated(vector: Floats, points: Floats) -> Floats:
     # The sine of the smallest angle is that angle: no rotation needs no case of its own.
     angle = np.maximum(np.sqrt(np.vecdot(vector, vector)), 1e-300)[..., None]
     half = np.sin(0.5 * angle) / (0.5 * angle)
-    once = np.cross(vector, points)
-    return points + (np.sin(angle) / angle) * once + (0.5 * half * half) * np.cross(vector, once)
+    once = _cross(vector, points)
+    return points + (np.sin(angle) / angle) * once + (0.5 * half * half) * _cross(vector, once)
+
+
+def _cross(one: Floats, other: Floats) -> Floats:
+    """Return one x other, (..., 3), as np.cross, which takes five times as long for one vector."""
+    return np.asarray(one[..., NEXT] * other[..., LAST] - one[..., LAST] * other[..., NEXT])

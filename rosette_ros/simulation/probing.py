@@ -8,6 +8,7 @@ for a vertical table axis, along the axis for any other.
 
 import copy
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Generic, TypeVar
 
 import numpy as np
@@ -123,13 +124,19 @@ class TouchPattern:
     def towards(self, pole: Floats) -> 'TouchPattern':
         """Return the pattern about another pole, a direction (3,) in the machine."""
         other = copy.copy(self)
-        other.axes = axis_rotation(pole)
+        other.axes = _axes_along(*pole.tolist())
         return other
 
     @property
     def size(self) -> int:
         """Q, the number of touches."""
         return len(self.direction)
+
+
+@lru_cache(maxsize=64)
+def _axes_along(*pole: float) -> Floats:
+    """Return `axis_rotation` of a pole: the live cell asks ball after ball for that of the table."""
+    return axis_rotation(pole)
 
 
 def contact(aim: Floats, direction: Floats, centre: Floats, reach: Floats | float) -> Floats:

@@ -49,6 +49,8 @@ def test_what_does_not_go_together_is_refused(refused, make_table, identity, tmp
     table = make_table()
     assert '--identity: does not go with --verify' in refused(
         'certificate', '--verify', 'x.xml', table, '--identity', identity)
+    for option in (('--run-id', 'a'), ('--joint',), ('--force',)):
+        assert f'{option[0]}: does not go with --verify' in refused('certificate', '--verify', 'x.xml', table, *option)
     assert '--json: wanted it with --verify' in refused('certificate', table, '--json')
     line = refused('certificate', table, '-o', tmp_path / 'a.xml')
     assert 'wanted certificate number, country (two letters of ISO 3166-1) of the laboratory, first day' in line

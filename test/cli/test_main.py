@@ -2,6 +2,7 @@
 """The command itself: verbs, help, errors, exit codes."""
 
 import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from terminal import Terminal
 
 from rosette_ros import __version__
 from rosette_ros.cli import main as main_module
+from rosette_ros.cli.console import doing
 from rosette_ros.cli.main import GROUPS, VERBS, error_lines, main
 
 SOURCE = 'source the set-up file of ROS 2 and of the workspace'
@@ -170,6 +172,27 @@ def test_a_terminal_without_the_signs_shows_others():
                            '--order', 'row'], capture_output=True, check=True,
                           env={**os.environ, 'PYTHONIOENCODING': 'ascii'})
     assert b'|-91.25 ' in done.stdout and b'?' not in done.stdout
+
+
+class Screen(io.StringIO):
+    """A terminal that keeps what is written."""
+
+    def isatty(self):
+        """Be one."""
+        return True
+
+
+def test_long_work_shows_on_a_terminal_what_it_does_and_how_far_it_is(monkeypatch):
+    """Elsewhere nothing is written."""
+    for name in ('TERM', 'NO_COLOR', 'TTY_COMPATIBLE'):
+        monkeypatch.delenv(name, raising=False)
+    for screen in (Screen(), io.StringIO()):
+        monkeypatch.setattr(sys, 'stderr', screen)
+        with doing('evaluating', 3) as step:
+            step('[drawing]')
+            step()
+        words = screen.getvalue()
+        assert ('[drawing]' in words and '2/3' in words and '0:00:00' in words) == screen.isatty() == bool(words)
 
 
 def test_a_long_error_has_lines_on_a_terminal(rosette):

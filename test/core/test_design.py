@@ -4,14 +4,23 @@
 import numpy as np
 import pytest
 
+from benchmarks.design_orders import (
+    MODULE,
+    anneal,
+    design_readings,
+    design_sweeps,
+    reading_text,
+    source,
+    sweeps_text,
+    swept,
+)
+from benchmarks.order_cost import Judge, Order, Pace, journey
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 from rosette_ros.core.sensitive_order import READINGS, SWEEPS, Sweeps, order_from_text, shortest_way
-from tools.design_orders import MODULE, anneal, design_readings, design_sweeps, reading_text, source, sweeps_text, swept
-from tools.order_cost import Judge, Order, Pace, journey
 
 PACE = Pace()
 RADIUS = PACE.radius

@@ -34,8 +34,8 @@ def renamed(summary, run_id):
 
 @pytest.fixture(scope='module')
 def drift_page():
-    """The page of a run with a hidden drift."""
-    return report_html(summary_of('drift'), command='rosette report drift.csv')
+    """The page of a run with a hidden drift, and its annex."""
+    return report_html(summary_of('drift'), command='rosette report drift.csv', annexed=True)
 
 
 @pytest.fixture(scope='module')
@@ -49,7 +49,7 @@ def page(request, drift_page, clean_page):
     """One page of each kind."""
     if request.param == 'verification':
         summary = summary_of('clean')
-        return verification_html(verify([(summary.fit, Source('<b>', ()))] * 4))
+        return verification_html(verify([(summary.fit, Source('<b>', ()))] * 4), annexed=True)
     return drift_page if request.param == 'drift' else clean_page
 
 
@@ -59,6 +59,19 @@ def test_sections_stand_in_the_order_in_which_a_person_asks(drift_page):
     assert read.sections == ORDER
     figures = [found['id'].removeprefix('figure-') for tag, found in read.elements if tag == 'figure']
     assert figures == FIGURES
+
+
+def test_the_annex_is_made_on_demand(monkeypatch):
+    """Nothing of it is drawn or calculated before; the page says how to get it, and how it is repeated."""
+    monkeypatch.setattr('rosette_ros.analysis.ladder', None)
+    monkeypatch.setattr('rosette_ros.presentation.report.run_page.polar_motions', None)
+    summary = summarise(summary_of('drift').run, has_ladder=False)
+    read = Page(report_html(summary, command='rosette report drift.csv'))
+    assert read.sections == [*ORDER[:7], 'conditions']
+    assert [found['id'] for tag, found in read.elements if tag == 'figure'] == ['figure-curves', 'figure-residual_maps']
+    assert 'rosette report drift.csv --annex' in read.texts['']
+    linked = {found['href'] for tag, found in read.elements if tag == 'a'}
+    assert linked == {f'#{one}' for one in read.sections} - {'#curves'}
 
 
 def test_the_verdict_says_what_is_wrong_and_what_to_do(drift_page):
@@ -141,12 +154,12 @@ def test_pictures_can_be_read_aloud_and_searched(drift_page):
 
 def test_twelve_balls_stay_below_five_megabytes():
     """The whole page."""
-    assert len(report_html(summary_of('drift', 12)).encode()) < 5e6
+    assert len(report_html(summary_of('drift', 12), annexed=True).encode()) < 5e6
 
 
 def test_the_same_summary_gives_the_same_page(drift_page):
     """To the last byte: a report can be repeated and compared."""
-    assert report_html(summary_of('drift'), command='rosette report drift.csv') == drift_page
+    assert report_html(summary_of('drift'), command='rosette report drift.csv', annexed=True) == drift_page
 
 
 @pytest.mark.parametrize('name', ['<script>alert(1)</script>', '_"><img src=x onerror=alert(1)> $\\frac{1}$ & y'])

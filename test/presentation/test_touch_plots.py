@@ -43,7 +43,7 @@ def test_residuals_show_the_dust(dusty):
 def test_page_has_an_annex_of_touches(dusty):
     """A figure, a table and sentences; what is not known does not say that there are none."""
     run = Machine(MachineConfig().changed(plate={'balls': 4})).run(plan(4, 'random'))
-    page = Page(report_html(summarise(run), open_source(dusty)[1]))
+    page = Page(report_html(summarise(run), open_source(dusty)[1], annexed=True))
     assert 'ball 3 0.3' in page.texts['touches']
     assert 'touch 6: +' in page.texts['touches']
     assert NO_TOUCHES not in page.texts['unknown']

@@ -99,7 +99,7 @@ def test_runs_that_differ_are_said_to_differ():
 def test_the_page_states_the_numbers_beside_those_of_the_paper():
     """µm and µrad, how they were worked out, and curves (v) and (vi)."""
     found = verify(pairs(), maker_of(verification_runs()[0][0]))
-    read = Page(verification_html(found, 'rosette report --compare a b c d'))
+    read = Page(verification_html(found, 'rosette report --compare a b c d', annexed=True))
     assert read.sections == ['verdict', 'runs', 'unknown', 'curves', 'reproducibility', 'differences', 'values',
                              'conditions']
     verdict = ' '.join(read.texts['verdict'].split())

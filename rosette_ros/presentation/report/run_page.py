@@ -63,13 +63,13 @@ NO_TOUCHES = 'Single touches are not recorded (topic touches): form of balls and
 def report_html(summary: Summary, source: Source | None = None, command: str = '', overlays: Sequence[Series] = (),
                 pictures: Mapping[str, Figure] | None = None, inputs: BudgetInputs | None = None,
                 annexed: bool = False) -> str:
-    """Return the report of a Summary as one HTML text: three pages on paper, and an annex that is folded.
+    """Return the report of a Summary as one HTML text: three pages on paper, and how to repeat it.
 
     pictures: of `pictures_of`, where they are drawn already; inputs: of the uncertainty budget; annexed: whether the
-    annex is open, and so on paper, too."""
+    annex with all other figures and tables is added, on paper, too."""
     refit, untouched = touches_of(source)
     made = budget_of(summary, refit, inputs)
-    pictures = pictures or pictures_of(summary, overlays, refit, made)
+    pictures = pictures or pictures_of(summary, overlays, refit, made, annexed)
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, verdict=verdict_text(summary.verdict), source=source, iso=text.iso_range(run.rotation),
@@ -117,24 +117,30 @@ def budget_of(summary: Summary, refit: SphereRefit | None = None,
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
-                made: Budget | None = None) -> dict[str, Figure]:
+                made: Budget | None = None, annexed: bool = True) -> dict[str, Figure]:
     """Return every figure of a summary by name, in the order of the page; their captions are in the template.
 
-    refit: the spheres fitted to the touches, where there are any; made: the uncertainty budget, likewise.
+    refit: the spheres fitted to the touches, where there are any; made: the uncertainty budget, likewise; annexed: with
+    those of the annex.
     """
-    run, fits, found = summary.run, fits_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
+    run, fits = summary.run, fits_of(summary)
     rows = [Residuals(label, run, fit.residual) for label, fit in fits]
     now = made.error_motions if made and made.inputs.is_stated else summary.fit.error_motions
     series = [*(Series(label, fit.error_motions) for label, fit in fits[1:]), Series(fits[0][0], now), *overlays]
-    return {
-        'curves': six_curves(series), 'residual_maps': residual_plots.residual_maps(rows), 'polar': polar_motions(now),
+    pages = {'curves': six_curves(series), 'residual_maps': residual_plots.residual_maps(rows)}
+    if not annexed:
+        return pages
+    found = summary.diagnosis.candidates[:MOST_CANDIDATES]
+    return pages | {
+        'polar': polar_motions(now),
         **({'differences': six_curves(less)} if (less := _differences(now, overlays)) else {}),
         **({'budget': budget_bars(made)} if made else {}),
         'deviations': deviations(summary.fit.plate, summary.fit.cmm, run.radius),
         'residuals_against': residual_plots.against(rows, run.repeatability),
         'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for _, one in fits]),
         'noise': noise_plots.noise(summary.final),
-        'ladder': comparison_plots.ladder(summary.ladder, run.repeatability, run.repeatability_dof),
+        **({'ladder': comparison_plots.ladder(steps, run.repeatability, run.repeatability_dof)}
+           if (steps := summary.ladder) else {}),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
         **({'shapes': shape_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
         'pairs': plan_plots.pairs_in_order(run),

@@ -231,7 +231,7 @@ def verification_html(verification: Verification, command: str = '',
                       pictures: Mapping[str, Figure] | None = None, annexed: bool = False) -> str:
     """Return the report of a Verification as one HTML text; pictures: where they are drawn already; annexed: as of
     `report_html`."""
-    pictures = pictures or verification_pictures(verification)
+    pictures = pictures or verification_pictures(verification, annexed)
     members = verification.members
     files = {(file.path, file.sha256): file for one in members for file in one.source.files}
     simulated = [one.label for one in members if one.fit.run.simulated]
@@ -246,13 +246,14 @@ def verification_html(verification: Verification, command: str = '',
         running=f'Verification, {len(members)} runs, the first {_name(members[0])}{" (SIMULATED)" * bool(simulated)}')
 
 
-def verification_pictures(verification: Verification) -> dict[str, Figure]:
-    """Return the figures of a verification by name."""
+def verification_pictures(verification: Verification, annexed: bool = True) -> dict[str, Figure]:
+    """Return the figures of a verification by name; annexed: with those of the annex."""
     members = verification.members
     series = [Series(one.label, one.fit.error_motions, place == 0) for place, one in enumerate(members)]
-    return {'verification_curves': six_curves(series, extras=_extras(verification)), 'differences': differences(
+    curves = {'verification_curves': six_curves(series, extras=_extras(verification))}
+    return curves | ({'differences': differences(
         [one.label for one in members], verification.angle, verification.differences, verification.expected,
-        np.repeat(PAPER, 3), verification.rotation)}
+        np.repeat(PAPER, 3), verification.rotation)} if annexed else {})
 
 
 def _extras(verification: Verification) -> list[Extra]:
