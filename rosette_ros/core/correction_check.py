@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.diagnosis.verdict import Level
@@ -209,4 +209,4 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
 def _p(difference: Floats, variance: Floats, curve: str) -> float:
     """Return the chance that noise alone makes a curve as large as `difference`, (n,)."""
     dof = difference.size - GAUGED.get(curve, 1)
-    return float(special.chdtrc(dof, np.sum(difference**2 / variance) * dof / difference.size))
+    return float(scipy.special.chdtrc(dof, np.sum(difference**2 / variance) * dof / difference.size))

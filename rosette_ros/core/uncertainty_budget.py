@@ -9,12 +9,13 @@ with G the least squares from readings to curves, effects of the model fitted an
 squares; the degrees of freedom follow Welch and Satterthwaite.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize, special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
 from rosette_ros.core.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
@@ -39,7 +40,7 @@ SEEN = 1e-6
 """What an influence leaves of the residuals is seen from this part of their standard deviation on."""
 HARMLESS = 0.05
 """Bias of the curves, as displacement per rms displacement of the balls, below which an effect is left out."""
-PROBABILITY = float(special.erf(COVERAGE_FACTOR / np.sqrt(2)))
+PROBABILITY = math.erf(COVERAGE_FACTOR / math.sqrt(2))
 """That a normal quantity lies within k = 2 of its mean: 0.9545."""
 
 
@@ -123,7 +124,7 @@ class Budget:
         """Factors k for the probability of k = 2 of a normal quantity, by the degrees of freedom, (6,)."""
         dof = self.effective_dof
         finite = np.minimum(dof, 1e9)
-        return np.asarray(special.stdtrit(finite, (1 + PROBABILITY) / 2))
+        return np.asarray(scipy.special.stdtrit(finite, (1 + PROBABILITY) / 2))
 
 
 def _explained(every: Sequence[tuple[float, Surrounded]]) -> tuple[Floats, Floats]:
@@ -135,7 +136,7 @@ def _explained(every: Sequence[tuple[float, Surrounded]]) -> tuple[Floats, Float
 
 def probability_of_u(dof: float) -> float:
     """Return the probability that U (k = 2) contains the true value, P(|t| < k) of Student's t (GUM G.3)."""
-    return float(2 * special.stdtr(min(dof, 1e9), COVERAGE_FACTOR) - 1)
+    return float(2 * scipy.special.stdtr(min(dof, 1e9), COVERAGE_FACTOR) - 1)
 
 
 def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | None = None,
@@ -242,7 +243,7 @@ def _noise_of(fit: Fit, displaced: Sequence['_Displaced']) -> tuple[float, float
         of_known = variance + extra
         return float(np.sum(1 / of_known - shown / of_known**2) + rest_dof / variance - rest / variance**2)
 
-    variance = optimize.brentq(slope, rest / dof, (rest + shown.sum()) / rest_dof) if shown.size else rest / dof
+    variance = scipy.optimize.brentq(slope, rest / dof, (rest + shown.sum()) / rest_dof) if shown.size else rest / dof
     return fit.sigma * float(np.sqrt(variance)), rest_dof + float(np.sum((variance / (variance + extra))**2))
 
 

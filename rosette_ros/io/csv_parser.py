@@ -12,13 +12,11 @@ from decimal import Decimal
 from typing import Any, TypeVar
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as arrow_csv
 
 from rosette_ros.core.axes import rotation_of, unit_axis
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
-from rosette_ros.core.records import resolution_of
+from rosette_ros.core.records import Bools, resolution_of
 
 SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
@@ -144,20 +142,21 @@ class _Sheet:
         count = len(self.cells(line, text)) if '"' in text else text.count(self.separator) + 1
         return text.removesuffix(self.separator * (count - len(self.names)))
 
-    def table(self) -> tuple[list[int], dict[str, Any], list[str]]:
-        """Return the lines of the rows with coordinates, their columns as pyarrow reads them, and the cells of angles.
+    def table(self) -> tuple[list[int], dict[str, tuple[Floats, Bools]], list[str]]:
+        """Return the lines of the rows with coordinates, their columns and which cells are empty, the cells of angles.
 
         Raises InvalidData where columns are missing or stand twice, or cells are no numbers."""
         self._find_columns()
-        texts = self._read((*_PLACE, 'table_angle_deg'), pa.string(), '.')
+        texts = self._read((*_PLACE, 'table_angle_deg'), 'string', '.')
         comma = self.separator != ',' and any(
             ',' in cell for name in _PLACE for cell in texts[name].to_pylist() if cell)
         if self.separator != ',':
             name = SEPARATORS.get(self.separator, repr(self.separator))
             self.notes.insert(0, f'the table was read with {name} between cells{" and decimal commas" * comma}')
-        columns = self._read(self.columns, pa.float64(), ',' if comma else '.')
-        is_row = np.any([columns[name].is_valid() for name in _PLACE], axis=0)
-        columns = {name: values.filter(pa.array(is_row)) for name, values in columns.items()}
+        columns = {name: (values.to_numpy(zero_copy_only=False), _is_empty(values)) for name, values in self._read(
+            self.columns, 'float64', ',' if comma else '.').items()}
+        is_row = ~np.all([columns[name][1] for name in _PLACE], axis=0)
+        columns = {name: (values[is_row], empty[is_row]) for name, (values, empty) in columns.items()}
         angles = [cell.replace(',', '.') for cell, is_one in zip(texts['table_angle_deg'].to_pylist(), is_row)
                   if is_one and cell] if 'table_angle_deg' in texts else []
         if not is_row.any():
@@ -186,8 +185,11 @@ class _Sheet:
         if not self.rows:
             raise InvalidData(f'{self.source}: wanted rows of ball centres, got none')
 
-    def _read(self, wanted: Collection[str], kind: Any, decimal: str) -> dict[str, Any]:
+    def _read(self, wanted: Collection[str], kind: str, decimal: str) -> dict[str, Any]:
         """Return columns, as one kind of pyarrow's."""
+        import pyarrow as pa  # a log does without
+        import pyarrow.csv as arrow_csv
+
         refused, text = list[Any](), '\n'.join(text for _, text in self.rows).replace('−', '-').encode()
         names = {column: str(at) for column, (at, _) in self.columns.items() if column in wanted}
 
@@ -202,7 +204,8 @@ class _Sheet:
                 arrow_csv.ParseOptions(delimiter=self.separator, ignore_empty_lines=False,
                                        invalid_row_handler=refuse),
                 arrow_csv.ConvertOptions(
-                    include_columns=list(names.values()), column_types=dict.fromkeys(names.values(), kind),
+                    include_columns=list(names.values()),
+                    column_types=dict.fromkeys(names.values(), pa.type_for_alias(kind)),
                     decimal_point=decimal, strings_can_be_null=True, null_values=[' ' * count for count in range(9)]))
         except pa.ArrowInvalid as error:
             raise self._refusal(str(error), refused, decimal) from None
@@ -228,6 +231,14 @@ class _Sheet:
                   if _CLOCK.search(cell) else '')
         return _wrong(self.source, self.rows[int(found[2]) - 1][0], _column(self.names[int(found[1])])[0], 'a number',
                       f'{cell!r:.80}', advice)
+
+
+def _is_empty(values: Any) -> Bools:
+    """Return which of the values of pyarrow's are missing, (N,): asked itself, it would load much more."""
+    seen = values.buffers()[0]  # a bit for each
+    bits = np.ones(len(values), np.uint8) if seen is None else np.unpackbits(
+        np.frombuffer(seen, np.uint8), count=values.offset + len(values), bitorder='little')[values.offset:]
+    return np.equal(bits, 0)
 
 
 class _Heading:
@@ -333,8 +344,8 @@ class CsvTable:
         sheet = _Sheet(data, source)
         heading, self.source, self.notes = _Heading(sheet), source, sheet.notes
         self.lines, columns, self.angle_cells = sheet.table()
-        made = {name: self._numbers(name, values) for name, values in columns.items()
-                if name in _REQUIRED or values.null_count < len(values)}
+        made = {name: self._numbers(name, values, empty) for name, (values, empty) in columns.items()
+                if name in _REQUIRED or not empty.all()}
         written: Floats = np.stack([made[name] for name in _PLACE], axis=-1)
         self.columns = {name: values if factor == 1 else values * factor for name, values in made.items()
                         if (factor := sheet.columns[name][1])}
@@ -360,10 +371,9 @@ class CsvTable:
         self.positions = heading.value('table_positions', 'a whole number', _whole, None)
         self.table_offset = heading.value('table_offset_deg', 'an angle in degrees', _angle, 0.0)
 
-    def _numbers(self, name: str, values: Any) -> Floats | Ints:
+    def _numbers(self, name: str, values: Floats, empty: Bools) -> Floats | Ints:
         """Return a column as an array (N,); raises InvalidData where a cell is empty, infinite or no whole number."""
-        empty = values.is_null().to_numpy(zero_copy_only=False)
-        found: Floats = np.where(empty, _EMPTY.get(name, np.inf), values.to_numpy(zero_copy_only=False))
+        found: Floats = np.where(empty, _EMPTY.get(name, np.inf), values)
         for row in np.flatnonzero(~np.isfinite(found) & ~(empty & (name in _EMPTY))):
             raise self.wrong(row, name, 'a number' if empty[row] else 'a finite number', '\'\'' if empty[row] else
                              found[row], 'leave the cell empty where it is not known' if name in _EMPTY else LEAVE_OUT)

@@ -4,7 +4,7 @@
 from functools import partial
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.budget_lines import Contribution, root_mean
 from rosette_ros.core.budget_monte_carlo import MonteCarlo
@@ -174,7 +174,7 @@ def together_words(found: MonteCarlo) -> str:
     """Return in a sentence how the six errors of a point scatter together (GUM S2)."""
     correlation = np.triu(found.correlation, 1)
     _, first, second = np.unravel_index(np.abs(correlation).argmax(), correlation.shape)
-    normal = float(np.sqrt(special.chdtri(len(CURVES), 1 - PROBABILITY)))
+    normal = float(np.sqrt(scipy.special.chdtri(len(CURVES), 1 - PROBABILITY)))
     return (f'Together (GUM S2): largest correlation of two errors of a point {float(np.abs(correlation).max()):.2f} '
             f'({CURVES[first]} with {CURVES[second]}); the ellipsoid of {100 * PROBABILITY:.2f} % for all six '
             f'reaches {float(found.reach.mean()):.2f} standard deviations (normal: {normal:.2f}).')

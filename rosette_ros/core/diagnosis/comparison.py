@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.bank import Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
@@ -143,7 +143,7 @@ def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
     total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
     value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
     mean, sd = value[1:].mean(), value[1:].std()
-    return float(value[0] - mean), float(2 * special.ndtr(-abs(value[0] - mean) / sd))
+    return float(value[0] - mean), float(2 * scipy.special.ndtr(-abs(value[0] - mean) / sd))
 
 
 def _worst(fitted: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:

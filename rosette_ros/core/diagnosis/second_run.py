@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of
 from rosette_ros.core.diagnosis.base_terms import f_test
@@ -179,4 +179,4 @@ def _same_size(learnt: FittedEffect, found: FittedEffect) -> bool:
     """Return whether amplitudes of two runs agree: chi square of their differences, 1 %."""
     squares = [(a.value - b.value)**2 / (a.u**2 + b.u**2) for a, b in zip(learnt.parameters, found.parameters)
                if a.name == b.name and np.isfinite(a.u + b.u) and a.u + b.u > 0]
-    return bool(special.chdtrc(max(len(squares), 1), sum(squares)) > UNLIKELY)
+    return bool(scipy.special.chdtrc(max(len(squares), 1), sum(squares)) > UNLIKELY)

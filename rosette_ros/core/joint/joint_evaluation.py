@@ -7,8 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.spatial
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core import axes
 from rosette_ros.core.errors import InvalidData, NotDeterminable
@@ -309,7 +308,7 @@ def _f_test(item: str, shared: Sequence[JointSolution], free: Sequence[JointSolu
         return SharingTest(item, 0.0, 0, None, True)
     rss = sum(one.rss for one in free)
     f = max(sum(one.rss for one in shared) - rss, 0.0) / dof / max(rss / free_dof, NO_NOISE**2)
-    return SharingTest(item, f, dof, float(special.fdtrc(dof, free_dof, f)), True)
+    return SharingTest(item, f, dof, float(scipy.special.fdtrc(dof, free_dof, f)), True)
 
 
 def _sigma(solution: JointSolution) -> tuple[float, float, str, float | None]:
@@ -321,7 +320,7 @@ def _sigma(solution: JointSolution) -> tuple[float, float, str, float | None]:
         return rms, solution.dof, 'residuals', None
     dof = sum(count for _, count in known)
     sd = float(np.sqrt(sum(count * value**2 for value, count in known) / dof))
-    p = float(special.fdtrc(solution.dof, dof, (rms / sd)**2))
+    p = float(scipy.special.fdtrc(solution.dof, dof, (rms / sd)**2))
     if p < UNLIKELY:
         return rms, solution.dof, 'residuals (larger than the repeatability)', p
     pooled = float(np.sqrt((solution.rss + dof * sd**2) / (solution.dof + dof)))
