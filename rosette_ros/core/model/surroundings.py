@@ -20,7 +20,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_factor, cho_solve
 
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
@@ -33,7 +33,7 @@ from rosette_ros.core.stated_environment import KINDS, LABORATORY, Environment, 
 
 EXPECTED = 2.0
 """Effects that are there in a run, of all that may be."""
-MOST_SETTINGS = 24
+MOST_SETTINGS = 120
 """Settings that stand for all of an effect."""
 CAGE = (0.37, 0.39, 0.41, 0.43, 0.45, 0.47)
 """Orders per turn of the cages of bearings."""
@@ -162,27 +162,37 @@ def surrounded(fit: Fit, environment: Environment) -> Surrounded:
     rows = np.concatenate([own, *(one.rows for one in blocks)]) / sigma
     bias = space.parameters(joint.every).curves.reshape(-1, size) if len(own) else np.zeros((0, size))
     moved = np.concatenate([bias, *(one.curves for one in blocks)])
-    told, product = rows @ space.residual(places).reshape(-1) / sigma, rows @ rows.T
+    left = space.residual(places).reshape(-1) / sigma
     spread, hidden = _claims(fit), np.concatenate([np.zeros(0), *(one.spread for one in blocks)])
     for _ in range(2):
         scale = np.concatenate([spread, hidden])
-        grown = product * scale[:, None] * scale
-        rounding = len(scale) * np.finfo(float).eps * float(np.diag(grown).max(initial=0.0))
-        lower = np.linalg.cholesky((1 + rounding) * np.eye(len(scale)) + grown)
-        weight = solve_triangular(lower, scale * told, lower=True)
-        found = np.abs(scale * solve_triangular(lower.T, weight))[:len(own)]
+        told, carried = _posterior(scale[:, None] * rows, left, scale[:, None] * moved)
+        found = np.abs(scale * told)[:len(own)]
         if np.all(found <= spread):
             break
         spread = np.maximum(spread, found)
-    steps = solve_triangular(lower, scale[:, None] * moved, lower=True)
-    values = space.parameters(places).curves[0] - (weight @ steps).reshape(run.n, 6)
-    variance = fit.weighted_sigma**2 * space.curve_cofactor() + np.sum(steps**2, axis=0).reshape(run.n, 6)
-    carried = scale[:, None] * solve_triangular(lower.T, steps)
+    carried = scale[:, None] * carried
+    values = space.parameters(places).curves[0] - ((rows @ left) @ carried).reshape(run.n, 6)
+    variance = fit.weighted_sigma**2 * space.curve_cofactor() + np.maximum(
+        np.sum(moved * carried, axis=0), 0).reshape(run.n, 6)
     return Surrounded(
         fit, environment, replace(fit.error_motions, values=values, u=np.sqrt(variance)),
         {one.name: one.there for one in blocks},
         (*[CLAIMED] * len(own), *(one.name for one in blocks for _ in one.spread)),
         moved.reshape(-1, run.n, 6), carried.reshape(-1, run.n, 6))
+
+
+def _posterior(rows: Floats, left: Floats, moved: Floats) -> tuple[Floats, Floats]:
+    """Return (1 + A A')^-1 times A r and X, of columns with prior variance 1: their mean (k,), and (k, c).
+
+    rows A: (k, m) what they do to what is left of the readings, r: (m,), in units of the noise; moved X: (k, c), to the
+    curves. The smaller one of A A' and A' A is solved."""
+    is_tall, wanted = len(rows) > rows.shape[1], np.column_stack([rows @ left, moved])
+    square = rows.T @ rows if is_tall else rows @ rows.T
+    rounding = len(square) * np.finfo(float).eps * float(np.diag(square).max(initial=0.0))
+    factor = cho_factor((1 + rounding) * np.eye(len(square)) + square)
+    solved = wanted - rows @ cho_solve(factor, rows.T @ wanted) if is_tall else cho_solve(factor, wanted)
+    return solved[:, 0], solved[:, 1:]
 
 
 def _claims(fit: Fit) -> Floats:
