@@ -5,9 +5,10 @@ from collections import Counter
 
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.planning.next_readings import Contender, NextReadings, Separation
-from rosette_ros.words.effect_words import names, title_of
+from rosette_ros.words.effect_words import capital, names, title_of
 
 NOTHING = 'nothing more'
+NOTHING_TO_DO = 'Nothing more has to be measured.'
 
 
 def contender_words(one: Contender, other: Contender | None = None) -> str:
@@ -51,6 +52,14 @@ def hopeless_words(found: NextReadings) -> str:
     if (pair := found.separates) is None:
         return f'no reading of this cell lowers U, {1e6 * found.uncertainty:.3g} µm, any further'
     return f'no reading of this cell separates {pair_words(pair, "from")}'
+
+
+def next_words(found: NextReadings) -> list[str]:
+    """Return what is known, what is in doubt and what the block is for, a sentence each."""
+    if found.is_settled:
+        best = found.contenders[0]
+        return [f'Settled: {contender_words(best)}, U = {1e6 * found.uncertainty:.3g} µm.', NOTHING_TO_DO]
+    return [f'{capital(text)}.' for text in (open_words(found), block_words(found), hopeless_words(found)) if text]
 
 
 def odds(share: float) -> str:
