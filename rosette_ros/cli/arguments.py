@@ -21,7 +21,7 @@ from rosette_ros.io.text_file import path_of, refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 
 PICTURES = ('.png', '.svg', '.pdf')
-WRITTEN = ('output', 'pdf', 'figure', 'noise_picture')
+WRITTEN = ('output', 'pdf', 'figure', 'noise_picture', 'save')
 """Options that name a file to write; a file that another one names is read."""
 IN_LOG = 'who, what and where (YAML, rosette-identity/1), kept in the log of each run'
 _ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
@@ -114,6 +114,8 @@ SHARED: dict[str, dict[str, Any]] = {
     'archive': {'metavar': 'ARCHIVE', 'help': 'folder of the archive'},
     '--into': {'metavar': 'ARCHIVE', 'required': True, 'help': 'folder of the archive; made where there is none'},
     '--run-id': {'metavar': 'ID', 'help': 'which run, where a log holds several (rosette info names them)'},
+    '--columns': {'metavar': 'MAP', 'help': 'what the columns of a table of another program are: a file of '
+                  '`rosette import --save`, or table=Table,ball=Ball,x=X,y=Y,z=Z,radius_mm=182.5 ...'},
     '--model': {'metavar': 'FILE', 'help': 'model file (YAML); without it the base model: table motions, '
                                            'plate deviations, CMM deviations'},
     '--identity': {'metavar': 'FILE', 'help': 'who, what, where and tolerances (YAML, rosette-identity/1), in place of '

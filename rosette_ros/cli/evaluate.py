@@ -51,6 +51,7 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.bag_metadata import runs_in
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log, joint_identity, open_readings, open_run
 from rosette_ros.io.sharing_file import read_sharing
@@ -87,7 +88,7 @@ NEW_MODEL = 'model.yaml'
 def evaluate_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='+')
-    add_shared(parser, '--run-id', '--model')
+    add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
     add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
@@ -139,7 +140,8 @@ def run_evaluate(options: Namespace) -> None:
 def evaluate_runs_jointly(options: Namespace) -> None:
     """Print the joint evaluation of all runs."""
     declared = read_sharing(options.share, len(options.run_path))
-    result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path], declared)
+    columns = read_columns(options.columns)
+    result = evaluate_jointly([open_readings(path, options.run_id, columns) for path in options.run_path], declared)
     identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
     tolerances = identity.limits(result.solution.model.runs[0].rotation)
     if options.json:
@@ -160,7 +162,7 @@ def evaluate_runs_jointly(options: Namespace) -> None:
 
 def diagnose_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--model')
+    add_shared(parser, 'run_path', '--columns', '--model')
     parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
                         'identified in RUN confirmed there?')
     add_shared(parser, '--json')
@@ -211,7 +213,7 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
 
 def compare_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--model')
+    add_shared(parser, 'run_path', '--columns', '--model')
     parser.add_argument('--ladder', action='store_true',
                         help='the error of nested models: from the base model on, effect by effect')
     parser.add_argument('--noise-picture', metavar='FILE', type=picture_file,

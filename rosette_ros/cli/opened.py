@@ -16,21 +16,23 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.uncertainty_budget import Budget, budget
 from rosette_ros.io.budget_file import budget_inputs, read_stated
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_identified
 from rosette_ros.words.verdict_words import verdict_text
 
 
 class Opened:
-    """RUN with --run-id and --identity, --model, --inputs and --environment, and what follows from them; a verb without
-    such an option gives none.
+    """RUN with --run-id, --columns and --identity, --model, --inputs and --environment, and what follows from them; a
+    verb without such an option gives none.
 
     path: of another run than RUN, or of the first where there are several."""
 
     def __init__(self, options: Namespace, path: str | None = None) -> None:
         given = vars(options)
         self.path: str = given['run_path'] if path is None else path
-        self.run, self.identity, _ = open_identified(self.path, given.get('run_id'), given.get('identity'))
+        self.run, self.identity, _ = open_identified(self.path, given.get('run_id'), given.get('identity'),
+                                                         read_columns(given.get('columns')))
         self._model_file: str | None = given.get('model')
         self._stated: tuple[str | None, str | None] = given.get('inputs'), given.get('environment')
 

@@ -24,6 +24,7 @@ from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation, read_correction
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.open_run import joint_identity, open_readings
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_output, write_text
@@ -45,7 +46,7 @@ MOST_LINES = 100_000
 def correct_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='+')
-    add_shared(parser, '--run-id', '--model')
+    add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
     add_shared(parser, '--identity')
     parser.add_argument('--for', dest='target', choices=('ros', 'csv', 'linuxcnc'), default='ros',
@@ -118,7 +119,8 @@ def _correction(options: Namespace, corrected: tuple[str, ...]
                 ) -> tuple[Correction, str, Verdict | None, list[str]]:
     """Return the Correction, the table's serial number, the verdict of one run, and curves of unknown mean reversal."""
     if is_joint(options):
-        result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path],
+        columns = read_columns(options.columns)
+        result = evaluate_jointly([open_readings(path, options.run_id, columns) for path in options.run_path],
                                   read_sharing(options.share, len(options.run_path)))
         identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
         first, runs = result.curves[0][0].name, result.solution.model.runs
@@ -181,7 +183,7 @@ def run_verify(options: Namespace) -> int:
 
 def budget_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--run-id', '--model', '--inputs', '--environment')
+    add_shared(parser, 'run_path', '--run-id', '--columns', '--model', '--inputs', '--environment')
     parser.add_argument('--hidden-effects', action='store_true', help='add bounds of effects that are not in the model '
                         'and that this order of measurement hides')
     parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),

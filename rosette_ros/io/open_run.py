@@ -14,6 +14,7 @@ from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import Run
 from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io.ball_centre_table import read_csv, read_with_plate
+from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.log_reader import MAGIC, read_log
 from rosette_ros.io.log_run import LogRun
@@ -66,12 +67,13 @@ def open_run(path: str | Path, run_id: str | None = None) -> Run:
     return _open(path, run_id)[0]
 
 
-def open_identified(path: str | Path, run_id: str | None = None, file: str | Path | None = None) -> tuple[
-        Run, Identity, tuple[str, ...]]:
+def open_identified(path: str | Path, run_id: str | None = None, file: str | Path | None = None,
+                    columns_of: ColumnMap | None = None) -> tuple[Run, Identity, tuple[str, ...]]:
     """Return a Run, its Identity, and in words what a file states other than its log; raises as open_run.
 
-    file: an identity file, whose entries take the place of those in the log."""
-    run, log = _open(path, run_id)
+    file: an identity file, whose entries take the place of those in the log; columns_of: what the columns of a table of
+    another program are."""
+    run, log = _open(path, run_id, columns_of)
     return run, *stated(log.identity(run.run_id) if log else Identity(), file)
 
 
@@ -88,13 +90,13 @@ def has_plate(path: str | Path) -> bool:
         return bool(_PLATE_LINE.search(stream.read(_HEAD)))
 
 
-def open_readings(path: str | Path, run_id: str | None = None) -> Readings:
+def open_readings(path: str | Path, run_id: str | None = None, columns_of: ColumnMap | None = None) -> Readings:
     """Return the Readings of a log directory, an .mcap file or a CSV table, which may have a plate of any pitch.
 
     Raises InvalidData as open_run, and where plate file and table do not belong together."""
     if has_plate(path):
         return read_with_plate(path)
-    run, log = _open(path, run_id)
+    run, log = _open(path, run_id, columns_of)
     return Readings.of(run, log.frame_of(run.run_id) if log else None)
 
 
@@ -115,11 +117,11 @@ def joint_identity(paths: Sequence[str | Path], run_id: str | None = None, file:
     return identity, (*contradictions, *changed)
 
 
-def _open(path: str | Path, run_id: str | None) -> tuple[Run, LogRun | None]:
+def _open(path: str | Path, run_id: str | None, columns_of: ColumnMap | None = None) -> tuple[Run, LogRun | None]:
     if is_log(path):
         log = read_log(path)
         return log.to_run(run_id), log
-    run = read_csv(path)
+    run = read_csv(path, columns_of)
     if run_id not in (None, run.run_id):
         raise InvalidData(f'{path}: wanted run {run_id!r}, got {run.run_id!r}')
     # times in an unknown unit are none; a copy of the table keeps them

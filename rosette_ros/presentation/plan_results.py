@@ -13,8 +13,8 @@ from rosette_ros.core.planning.plan_comparison import Outlook, better
 from rosette_ros.core.records import CURVES, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.csv_parser import COLUMNS
-from rosette_ros.io.csv_parser import SCHEMA as TABLE_SCHEMA
 from rosette_ros.io.plan_file import SCHEMA
+from rosette_ros.io.table_heading import SCHEMA as TABLE_SCHEMA
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json, by_curve, plain, visibility_json
 from rosette_ros.presentation.table_format import Table, column, words
