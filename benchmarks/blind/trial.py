@@ -12,7 +12,17 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.blind.answers import Record, answered, determined, judged, law_judged, level_judged, remaining, truths, within
+from benchmarks.blind.answers import (
+    Record,
+    answered,
+    determined,
+    judged,
+    law_judged,
+    level_judged,
+    remaining,
+    truths,
+    within,
+)
 from benchmarks.blind.cause import Cause, Names, Variables
 from benchmarks.blind.library import alike, statement
 from benchmarks.blind.noise_kinds import KINDS
