@@ -57,7 +57,7 @@ class Job:
     sequence: Sequence
     request: Request
     order: str
-    settings: str = ''  # what it was planned with, YAML
+    planned: str = ''  # what it was planned with, YAML
     joint_with: Collection[str] = ()  # runs that are evaluated as one with it
     resumes: str = ''  # name of the log that it continues
     goal: Any = None  # None: requested by the service
@@ -78,6 +78,11 @@ class Job:
     def run_id(self) -> str:
         """The name of the run."""
         return self.sequence.run_id
+
+    @property
+    def settings(self) -> str:
+        """What it was planned with, and what was added to its plan, YAML."""
+        return self.planned + settings.format_added(self.sequence.plan)
 
     @property
     def is_over(self) -> bool:
@@ -134,7 +139,10 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
     values = settings.with_identity(settings.changed_settings(configured, changes))
     plan = settings.plan_of(values)
     run_id = settings.run_name(datetime.now(UTC), plan.scheme.order, taken)
-    return Job(Sequence(run_id, plan, settings.limits_of(values)), request, plan.scheme.order,
+    until = settings.until_of(values)
+    if until is None and 'most_readings' in request.goal:
+        raise InvalidConfig('goal: most_readings: wanted until_probability or until_uncertainty beside it, got neither')
+    return Job(Sequence(run_id, plan, settings.limits_of(values), until=until), request, plan.scheme.order,
                settings.format_settings(values), joint_with)
 
 
@@ -157,8 +165,9 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
             earlier.add_answer(answer)
     if any(event.kind == SUCCEEDED for event in recalled.events):
         raise CellError(f'resume: run {run_id} lacks nothing: it ended in success and its log is closed')
-    return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, plan.scheme.order,
-               settings.format_settings(values), resumes=recalled.log, located_ns=earlier.run_begin())
+    sequence = Sequence(run_id, plan, settings.limits_of(values), earlier, until=settings.until_of(values))
+    return Job(sequence, request, plan.scheme.order, settings.format_settings(values), resumes=recalled.log,
+               located_ns=earlier.run_begin())
 
 
 def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:

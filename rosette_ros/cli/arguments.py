@@ -48,6 +48,11 @@ def positive(unit: str) -> Callable[[str], float]:
     return _reader(float, lambda value: 0 < value < math.inf, f'a positive number ({unit})')
 
 
+def probability(text: str) -> float:
+    """Read a probability from which on something is taken for settled."""
+    return _reader(float, lambda value: 0.5 < value < 1, 'a probability above 0.5 and below 1')(text)
+
+
 def picture_file(text: str) -> Path:
     """Read the name of a picture to write."""
     if Path(text).suffix.lower() not in PICTURES:

@@ -53,6 +53,7 @@ class SimulatedCmm(CmmNode):
         self._struck = 0
         self._last_answer: BallCentre | None = None
         self._set_back = 0.0
+        self._newest = 0  # stamp that was published, ns
         self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
         self._publish_time()
         self.every(1.0 / self.parameters['clock_rate_hz'], self._publish_time)
@@ -71,6 +72,7 @@ class SimulatedCmm(CmmNode):
         try:
             if target.run_id != self._run_id:
                 self._begin_run(target)
+            self._machine.stand(1e-9 * (nanoseconds(target.header.stamp) - self._newest))  # asked for later than now
             struck = strikes(self._machine.config.faults, self._machine.config.seed, target.seq, target.attempt)
             self._struck += len(struck)
             reading = self._measure(target, struck)
@@ -96,6 +98,7 @@ class SimulatedCmm(CmmNode):
             if config != self._machine.config:
                 self._machine = Machine(config, self._machine.state)
         self._run_id = target.run_id
+        self._publish_time()
 
     def _measure(self, target: ProbeTarget, struck: Sequence[Strike]) -> BallReading[int, float]:
         machine = self._machine
@@ -131,7 +134,9 @@ class SimulatedCmm(CmmNode):
         return conversions.time_message(self._switched_on + round(1e9 * (time - self._set_back)))
 
     def _publish_time(self) -> None:
-        self._clock_out.publish(Clock(clock=self._stamp(self._machine.time)))
+        stamp = self._stamp(self._machine.time)
+        self._newest = max(self._newest, nanoseconds(stamp))
+        self._clock_out.publish(Clock(clock=stamp))
 
     def now(self) -> Time:
         """Return the simulated time: this node is the clock."""
