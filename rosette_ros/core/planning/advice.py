@@ -129,7 +129,7 @@ def times_of(scheme: Scheme, radius: float, touches: Floats | Ints | int, pace: 
     centres = nominal_places(scheme.n, radius, scheme.table_position, scheme.ball)
     move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1)
     time = pace.times(np.broadcast_to(touches, move.shape), np.abs(np.diff(travel, prepend=travel[:1])), move)
-    return np.asarray(time - time[0])
+    return np.asarray(time - time[0] + np.cumsum(scheme.wait) - scheme.wait[0])
 
 
 def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The next readings of a run: the block from which its explanations are expected to part most.
+
+    found = next_readings(run, model, readings=12, until=0.95)
+    found.is_settled     nothing more has to be measured
+    found.targets        else a Scheme of the block, in measuring order; None where no block helps (found.is_hopeless)
+
+A pure function of its arguments: the same run gives the same block, in a replay too. These are facts;
+words/settling_words.py says them.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.diagnosis import search_of
+from rosette_ros.core.diagnosis.posterior import Posterior
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.advice import times_of
+from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.touches import USUAL, USUAL_PACE, Pace
+
+BLOCK = 12
+"""Readings of a block unless another number is asked for."""
+UNTIL = 0.95
+"""Probability from which on an explanation is settled unless another one is asked for."""
+NEXT = 'next'
+"""Name of the order of a block."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """An explanation by the names of its members, sorted, those of a motion without a name being its variables, none
+    where nothing is missing; its probability over all kinds of noise."""
+
+    names: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Two explanations that are in doubt; expected: the probability of the likelier one, of these two, that readings
+    are expected to give the true one."""
+
+    first: Contender
+    second: Contender
+    expected: float
+
+    @property
+    def now(self) -> float:
+        """The probability of the first of these two."""
+        return self.first.probability / (self.first.probability + self.second.probability)
+
+
+@dataclass(frozen=True, eq=False)
+class NextReadings:
+    """What to measure next, and why.
+
+    contenders: the explanations, the likeliest first; uncertainty: U (k = 2) of the worst point of the curves now, m,
+    tilts and turns at the ball circle; is_settled: whether every name has the wanted probability to be there, or not to
+    be, and U the wanted size where one is wanted; targets: the readings, in the order of measuring and as the cell
+    drives: turned as `approach` and after `wait` says; None where it is settled, or no block helps; gain: expected
+    information on the explanations, nats; duration: s from the last reading to the end of the block, moves and touches
+    included; separates: the two explanations that are in doubt, None where one is settled; expected_uncertainty: U
+    after the block, m.
+    """
+
+    contenders: tuple[Contender, ...]
+    uncertainty: float
+    is_settled: bool
+    targets: Scheme | None = None
+    gain: float = 0.0
+    duration: float = 0.0
+    separates: Separation | None = None
+    expected_uncertainty: float = np.inf
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether it is not settled and no block of readings of this cell would settle it."""
+        return not self.is_settled and self.targets is None
+
+
+def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, pace: Pace = USUAL_PACE,
+                  until: float = UNTIL, uncertainty: float | None = None,
+                  refused: Sequence[Scheme] = ()) -> NextReadings:
+    """Return the NextReadings of a run under a model (the base model if none is given).
+
+    readings: most in the block; pace: of the cell; until: probability from which on an explanation is settled;
+    uncertainty: U from which on the curves are, m, None for any; refused: blocks that the CMM does not take, none of
+    which is given again. Raises as `diagnose`.
+    """
+    search = search_of(run, model or Model())
+    contenders = contenders_of(search.posterior)
+    now = expanded(search.base)
+    pair, exact = in_doubt(contenders, until), uncertainty is None or now <= uncertainty
+    if not pair and exact:
+        return NextReadings(contenders, now, True)
+    positions = np.resize(np.arange(0, run.n, max(run.n // 3, 1)), readings) + run.table_position[-1]
+    table = np.sort(positions % run.n) + 1
+    ball = (np.arange(readings) * 5) % run.n + 1
+    block = Scheme(run.n, NEXT, 0, table, ball, np.ones(readings, dtype=int), table_offset=run.table_offset)
+    if any(same(block, one) for one in refused):
+        return NextReadings(contenders, now, False, separates=pair)
+    time = times_of(block, run.radius, USUAL, pace)
+    return NextReadings(contenders, now, False, block, 0.0, float(time[-1]), pair, now)
+
+
+def contenders_of(posterior: Posterior) -> tuple[Contender, ...]:
+    """Return the explanations of a run, whatever the kind of noise, the likeliest first."""
+    out: dict[tuple[str, ...], float] = {}
+    for (names, _), p in posterior.p.items():
+        out[names] = out.get(names, 0.0) + p
+    return tuple(Contender(names, p) for names, p in sorted(out.items(), key=lambda one: -one[1]))
+
+
+def in_doubt(contenders: Sequence[Contender], until: float) -> Separation | None:
+    """Return the likeliest explanation and the likeliest one that lacks, or has, the name that is most in doubt.
+
+    None where every name has a probability of `until` at least, or of 1 - until at most."""
+    best, p = contenders[0], Counter[str]()
+    for one in contenders:
+        p.update(dict.fromkeys(one.names, one.probability))
+    open_names = [name for name in sorted(p) if 1 - until < p[name] < until]
+    if not open_names:
+        return None
+    name = min(open_names, key=lambda each: abs(p[each] - 0.5))
+    return Separation(best, next(one for one in contenders if (name in one.names) != (name in best.names)), until)
+
+
+def expanded(fit: Fit) -> float:
+    """Return U (k = 2) of the worst point of the curves, m, tilts and turns at the ball circle."""
+    return float(2 * np.max(fit.error_motions.u * np.repeat([1.0, fit.mean_radius], 3)))
+
+
+def same(one: Scheme, other: Scheme) -> bool:
+    """Return whether two blocks are the same readings, driven in the same way."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name))
+               for name in ('table_position', 'ball', 'approach', 'wait'))
