@@ -68,7 +68,7 @@ class CalibrationPlan:
     @property
     def added(self) -> Scheme:
         """The readings that were added to the scheme."""
-        rows = slice(self.run_end - int(np.count_nonzero(self.phase == Phase.RUN)) + self.scheme.ball.size, self.run_end)
+        rows = slice(int(np.searchsorted(self.phase, Phase.RUN)) + self.scheme.ball.size, self.run_end)
         return replace(self.scheme, **{name: getattr(self, name)[rows] for name in (
             'table_position', 'ball', 'approach', 'touches', 'session', 'wait')})
 

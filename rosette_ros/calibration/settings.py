@@ -104,8 +104,8 @@ UNTIL = (
     Wanted('until.uncertainty_m', 0.0, 'likewise the largest expanded uncertainty (k = 2) of the curves, m, rotations '
            'at the radius of the balls; 0: any', 0.0, 1.0),
     Wanted('until.most_readings', 0, 'most readings that are added; 0: as many as the plan has', 0, 1_000_000))
-ADDED = Wanted('added', '', 'readings that were added to the plan: table position, ball, sense of the table and wait (s) '
-               'of each, separated by commas')
+ADDED = Wanted('added', '', 'readings that were added to the plan: table position, ball, sense of the table and wait '
+               '(s) of each, separated by commas')
 PLAN = Wanted('plan', '', 'plan file to run instead of an order: its path, or its text (rosette-plan/1)')
 PLATE_FILE = Wanted('plate.file', '', 'plate file of balls at other places than an equal pitch (rosette-plate/1): '
                     'its path, or its text; plate.balls is then the number of table positions')
@@ -131,7 +131,8 @@ FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 
           'cmm_positions': 'cmm_positions', 'balls_in_use': 'balls_in_use', 'touches': 'touches', 'repeats': 'repeats',
           'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
           'until_probability': 'until.probability', 'until_uncertainty': 'until.uncertainty_m',
-          'most_readings': 'until.most_readings', 'resume': 'resume', 'plan': 'plan', 'plate': 'plate.file', 'table_offset': 'table_offset_deg'}
+          'most_readings': 'until.most_readings', 'resume': 'resume', 'plan': 'plan', 'plate': 'plate.file',
+          'table_offset': 'table_offset_deg'}
 """Fields of a goal by the setting that each changes."""
 NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
 """What the constants of Calibrate.action stand for."""
@@ -260,7 +261,8 @@ def until_of(values: Mapping[str, Any]) -> Until | None:
     """Return until when readings are added, None where none are; values: name to value, all of UNTIL."""
     probability, uncertainty, most = (values[one.name] for one in UNTIL)
     if probability and not 0.5 < probability < 1:
-        raise InvalidConfig(f'{UNTIL[0].name}: wanted a number above 0.5 and below 1, or 0 for none, got {probability:g}')
+        raise InvalidConfig(f'{UNTIL[0].name}: wanted a number above 0.5 and below 1, or 0 for none, got '
+                            f'{probability:g}')
     return Until(probability, uncertainty, most) if probability or uncertainty else None
 
 

@@ -210,8 +210,8 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plan', metavar='FILE', help='measure a plan file (rosette plan --output FILE) instead of '
                         'an order')
     add_shared(parser, '--plate')
-    parser.add_argument('--until', metavar='P', type=probability, help='after the plan, measure on until what the model '
-                        'lacks is settled with this probability, such as 0.95: readings that part the explanations')
+    parser.add_argument('--until', metavar='P', type=probability, help='after the plan, add readings that part the '
+                        'explanations until what the model lacks is settled with this probability, such as 0.95')
     parser.add_argument('--until-uncertainty-um', metavar='U', type=positive('um'), help='likewise until the largest '
                         'expanded uncertainty (k = 2) of the curves is no larger, µm, rotations at the balls')
     parser.add_argument('--at-most', metavar='N', type=whole(1, 1_000_000), help='add no more than N readings so '

@@ -24,6 +24,7 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.planning.next_readings import BLOCK
 from rosette_ros.core.records import Run
 from rosette_ros.io.messages import TABLE_FRAME
 from rosette_ros.io.model_file import parse_entry, read_model
@@ -33,7 +34,7 @@ from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_n
 from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, declared_sharing
 from rosette_ros.nodes.interfaces import introspected_service
 from rosette_ros.words.result_words import conclusion_text
-from rosette_ros.words.settling_words import block_words, settling_text
+from rosette_ros.words.settling_words import block_words, standing_words
 
 WANTED = (
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
@@ -59,8 +60,8 @@ class Evaluator(CellNode):
 
     Topics: subscribes to `run`, `run_state`; publishes `model`, `diagnosis`,
     `error_motions`, in this order, and `joint_evaluation`, all latched. Services: `evaluator/diagnose`,
-    `evaluator/next_readings`, `evaluator/add_effect`, `evaluator/remove_effect`, `evaluator/evaluate_jointly`, answered after their calculation,
-    during which messages wait. Parameters: WANTED."""
+    `evaluator/next_readings`, `evaluator/add_effect`, `evaluator/remove_effect`, `evaluator/evaluate_jointly`, answered
+    after their calculation, during which messages wait. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(names.EVALUATOR, WANTED)
@@ -172,14 +173,13 @@ class Evaluator(CellNode):
 
     @_callback_of(names.NEXT_READINGS)
     def _on_next_readings(self, request: NextReadings.Request, response: NextReadings.Response) -> None:
-        wanted = {'readings': request.readings, 'until': request.until_probability,
-                  'uncertainty': request.until_uncertainty}
         found = self._in_use.next_readings(
             plain(request.run_id), plain(request.readings_hash),
             lambda n: [block for one in request.refused if (block := conversions.block_scheme(one, n))],
-            **{name: value for name, value in wanted.items() if value})
+            readings=min(request.readings or BLOCK, BLOCK), until=request.until_probability,
+            uncertainty=request.until_uncertainty or None)
         response.settled, response.block = found.is_settled, conversions.block_message(found.targets)
-        response.text, response.message = settling_text(found), block_words(found)
+        response.text, response.message = standing_words(found), block_words(found)
 
     @_callback_of(names.EVALUATE_JOINTLY)
     def _on_evaluate_jointly(self, request: EvaluateJointly.Request, response: EvaluateJointly.Response) -> None:

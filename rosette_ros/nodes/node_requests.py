@@ -228,7 +228,7 @@ class PlanCheck:
 
 
 class NextBlock:
-    """The question to the evaluator which readings settle what a run leaves open, and to the CMM whether it takes them."""
+    """The question to the evaluator which readings settle what is open, and to the CMM whether it takes them."""
 
     def __init__(self, node: CellNode, evaluator: Requests, plan_check: PlanCheck) -> None:
         self._evaluator, self._plan_check = evaluator, plan_check
@@ -242,7 +242,7 @@ class NextBlock:
         return self._client.service_is_ready()
 
     def ask(self, sequence: Sequence, readings_hash: str, readings: int, refused: Iterable[Block] = ()) -> None:
-        """Ask for at most so many readings after those with a hash, none of the refused blocks; `tick` has the answer."""
+        """Ask for at most so many readings after those with a hash, no refused block; `tick` has the answer."""
         until = sequence.until or Until(0.0, 0.0, 0)
         request = NextReadings.Request(
             run_id=sequence.run_id, readings_hash=readings_hash, readings=readings, refused=list(refused),

@@ -53,6 +53,14 @@ def hopeless_words(found: NextReadings) -> str:
     return f'no reading of this cell separates {pair_words(pair, "from")}'
 
 
+def standing_words(found: NextReadings) -> str:
+    """Return how it stands: 'warm-up or drift, 61 : 39', why no block helps, or what is settled."""
+    if found.is_settled:
+        likeliest = found.contenders[0]
+        return contender_words(likeliest) if likeliest.names else 'nothing is missing'
+    return hopeless_words(found) or open_words(found).removeprefix('settling: ')
+
+
 def odds(share: float) -> str:
     """Return a probability against the rest: '61 : 39'."""
     first = min(max(round(100 * share), 1), 99)
