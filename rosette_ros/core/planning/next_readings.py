@@ -11,25 +11,31 @@ words/settling_words.py says them.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.diagnosis import search_of
-from rosette_ros.core.diagnosis.posterior import Posterior
+from rosette_ros.core.diagnosis.diagnosis import RunSearch, search_of
+from rosette_ros.core.diagnosis.log_evidence import Place
+from rosette_ros.core.diagnosis.posterior import HEARD, Posterior
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.planning.advice import times_of
-from rosette_ros.core.records import Run
+from rosette_ros.core.planning.block_ways import Way, continued, ways
+from rosette_ros.core.planning.predictions import Predictor, expected_share, information
+from rosette_ros.core.records import Ints, Run
 from rosette_ros.core.scheme import Scheme
-from rosette_ros.core.touches import USUAL, USUAL_PACE, Pace
+from rosette_ros.core.touches import USUAL_PACE, Pace
 
 BLOCK = 12
 """Readings of a block unless another number is asked for."""
 UNTIL = 0.95
 """Probability from which on an explanation is settled unless another one is asked for."""
-NEXT = 'next'
-"""Name of the order of a block."""
+MOST = 10
+"""Explanations that a block is chosen by."""
+FINALISTS = 6
+"""Blocks that are calculated exactly as they would be measured: the best ones of all."""
+ALMOST = 0.9
+"""Share of the most information from which on the time that a block takes decides."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +49,8 @@ class Contender:
 
 @dataclass(frozen=True)
 class Separation:
-    """Two explanations that are in doubt; expected: the probability of the likelier one, of these two, that readings
-    are expected to give the true one."""
+    """Two explanations that are in doubt; expected: the probability, of these two, that readings are
+    expected to give the first if it is true."""
 
     first: Contender
     second: Contender
@@ -99,14 +105,55 @@ def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, p
     pair, exact = in_doubt(contenders, until), uncertainty is None or now <= uncertainty
     if not pair and exact:
         return NextReadings(contenders, now, True)
-    positions = np.resize(np.arange(0, run.n, max(run.n // 3, 1)), readings) + run.table_position[-1]
-    table = np.sort(positions % run.n) + 1
-    ball = (np.arange(readings) * 5) % run.n + 1
-    block = Scheme(run.n, NEXT, 0, table, ball, np.ones(readings, dtype=int), table_offset=run.table_offset)
-    if any(same(block, one) for one in refused):
+    return _block(search, contenders, readings, pace, pair, now, refused)
+
+
+def _block(search: RunSearch, contenders: tuple[Contender, ...], readings: int, pace: Pace, pair: Separation | None,
+           now: float, refused: Sequence[Scheme]) -> NextReadings:
+    """Return the block that parts the explanations most."""
+    run = search.run
+    likely = [one for one in contenders if one.probability > HEARD][:MOST]
+    if pair:
+        likely = list(dict.fromkeys((pair.first, pair.second, *likely)))[:MOST]
+    p = np.array([one.probability for one in likely])
+    p /= p.sum()
+    predictor = Predictor(search, [_members(search.posterior, one) for one in likely], p)
+    guessed = sorted((_guessed(predictor, way, readings, pace) for way in ways(run)), key=lambda one: -one[0])
+    found = []
+    for _, block in guessed[:FINALISTS + len(refused)]:
+        if not any(same(block, one) for one in refused):
+            longer = continued(run, block, pace)
+            square = predictor.predicted(longer).distances
+            found.append((float(information(p, square)), float(longer.time[-1] - run.time[-1]), block, square))
+    if not found:
         return NextReadings(contenders, now, False, separates=pair)
-    time = times_of(block, run.radius, USUAL, pace)
-    return NextReadings(contenders, now, False, block, 0.0, float(time[-1]), pair, now)
+    top = max(gain for gain, *_ in found)
+    gain, duration, block, square = min((one for one in found if one[0] >= ALMOST * top), key=lambda one: one[1])
+    if pair:
+        i, j = likely.index(pair.first), likely.index(pair.second)
+        pair = replace(pair, expected=expected_share(pair.now, float(square[i, j])))
+    return NextReadings(contenders, now, False, block, gain, duration, pair, now)
+
+
+def _guessed(predictor: Predictor, way: Way, readings: int, pace: Pace) -> tuple[float, Scheme]:
+    """Return the readings of a way that part the explanations most, and about how much."""
+    every = way.every(predictor.run)
+    guess = predictor.predicted(continued(predictor.run, every, pace))
+    some, gain = guess.chosen(predictor.p, readings)
+    return gain, _taken(every, np.sort(some))
+
+
+def _members(posterior: Posterior, one: Contender) -> Sequence[Place]:
+    """Return the members of an explanation at their best settings, under the likeliest noise."""
+    return posterior.places(next(key for key in posterior.keys if key[0] == one.names))
+
+
+def _taken(scheme: Scheme, some: Ints) -> Scheme:
+    """Return some readings of a scheme, the wait before the first one included."""
+    wait = np.zeros(len(some))
+    wait[0] = scheme.wait[0]
+    return replace(scheme, **{name: getattr(scheme, name)[some] for name in (
+        'table_position', 'ball', 'approach', 'touches', 'session')}, wait=wait)
 
 
 def contenders_of(posterior: Posterior) -> tuple[Contender, ...]:
