@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,8 +58,10 @@ class CalibrationPlan:
         added = {'phase': Phase.RUN, 'table_position': block.table_position, 'ball': block.ball,
                  'approach': block.approach, 'touches': np.where(block.touches > 0, block.touches, self.touches[0]),
                  'session': self.session[end - 1], 'wait': block.wait}
-        return replace(self, **{name: np.insert(getattr(self, name), end, np.broadcast_to(values, block.ball.shape))
-                                for name, values in added.items()})
+        columns: dict[str, Any] = {
+            name: np.insert(getattr(self, name), end, np.broadcast_to(values, block.ball.shape))
+            for name, values in added.items()}
+        return replace(self, **columns)
 
     @property
     def run_end(self) -> int:

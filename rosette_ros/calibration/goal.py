@@ -4,7 +4,7 @@
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from itertools import takewhile
+from itertools import count, takewhile
 from typing import Any
 
 import yaml
@@ -178,7 +178,7 @@ def _asked_beyond(plan: CalibrationPlan, targets: Iterable[Target], run_id: str)
     """Return the readings of a block of which a log has targets, and lacks the event that names it."""
     beyond = {one.seq: one for one in targets
               if one.run_id == run_id and one.phase == Phase.RUN and one.seq > plan.run_end}
-    asked = list(takewhile(None.__ne__, map(beyond.get, range(plan.run_end + 1, plan.run_end + 1 + len(beyond)))))
+    asked = [beyond[seq] for seq in takewhile(beyond.__contains__, count(plan.run_end + 1))]
     columns = {name: [getattr(one, name) for one in asked] for name in ('table_position', 'ball')}
     sense, approach = int(plan.approach[plan.run_end - 1]), []
     for one in asked:

@@ -94,7 +94,7 @@ def show_saving(out: Console, config: MachineConfig, log_path: Path, order: str,
     said = next(one.text for one in reversed(log.events) if one.kind == EXTENDED)
     out.print(f'\nAfter {size} readings as planned, {run.size - size} were added '
               f'({duration(run.time[-1] - run.time[size - 1])}): {escape(said)}', soft_wrap=True)
-    twice = {name: np.tile(getattr(scheme, name), 2) for name in (
+    twice: dict[str, Any] = {name: np.tile(getattr(scheme, name), 2) for name in (
         'table_position', 'ball', 'approach', 'touches', 'session', 'wait')}
     again = Machine(config).run(replace(scheme, **twice))
     with out.status('the same order, once more'):
