@@ -251,9 +251,11 @@ def format_added(plan: CalibrationPlan) -> str:
 def _parse_added(text: str, scheme: Scheme) -> Scheme:
     """Return the readings that a setting names, none where it is empty; raises InvalidConfig."""
     try:
-        rows = np.array([row.split() for row in text.split(',') if row.strip()], dtype=float).reshape(-1, len(BLOCK))
-        return block_of(scheme.n, dict(zip(BLOCK, rows.T)))
-    except (InvalidPlan, ValueError) as error:
+        columns = list(zip(*(row.split() for row in text.split(',') if row.strip()), strict=True)) or [()] * len(BLOCK)
+        kinds = (int, int, int, float)
+        return block_of(scheme.n, {name: list(map(kind, column))
+                                   for name, kind, column in zip(BLOCK, kinds, columns, strict=True)})
+    except (InvalidPlan, ValueError, OverflowError) as error:
         raise InvalidConfig(f'{ADDED.name}: wanted {ADDED.text}, got {text!r:.80}') from error
 
 

@@ -234,6 +234,7 @@ class NextBlock:
         self._evaluator, self._plan_check = evaluator, plan_check
         self._client = node.create_client(NextReadings, names.NEXT_READINGS)
         self._request, self._response = NextReadings.Request(), None  # the last ones
+        self._sequence: Sequence | None = None  # for which they are
         self._plan: CalibrationPlan | None = None  # with the readings in the response
 
     @property
@@ -247,7 +248,7 @@ class NextBlock:
         request = NextReadings.Request(
             run_id=sequence.run_id, readings_hash=readings_hash, readings=readings, refused=list(refused),
             until_probability=until.probability, until_uncertainty=until.uncertainty)
-        self._request, self._response, self._plan = request, None, None
+        self._sequence, self._request, self._response, self._plan = sequence, request, None, None
 
         def take(response: NextReadings.Response) -> None:
             if self._request is request:
@@ -258,7 +259,7 @@ class NextBlock:
     def tick(self, sequence: Sequence, now: float) -> Commands:
         """Return what follows for a sequence once evaluator and CMM have answered; now: steady time, s."""
         response, request = self._response, self._request
-        if response is None:
+        if response is None or sequence is not self._sequence:
             return ()
         text, words = (plain(one, most=2000) for one in (response.text, response.message))
         block: Scheme | None = None

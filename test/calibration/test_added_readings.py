@@ -91,8 +91,16 @@ def test_settings_hold_what_was_added():
     for name in ('phase', 'table_position', 'ball', 'approach', 'touches', 'session', 'wait'):
         assert np.array_equal(getattr(again, name), getattr(grown, name))
     assert until_of(parse_settings(text, 'test')) == Until(0.95, 0.0, 0)
-    with pytest.raises(InvalidConfig, match="added: wanted readings that were added to the plan.*got '4 1 1 0'"):
-        plan_of({**values, 'added': '4 1 1 0'})
+
+
+@pytest.mark.parametrize('text', ['4 1 1 0', '1 1 1', '1 1 1 0, 1', '1.5 1 1 0', '1 1 0 0', '1 1 1 nan', '1 1 1 -1',
+                                  'a', f'{10**30} 1 1 0'])
+def test_settings_of_a_log_that_name_no_readings_are_refused(text):
+    """In one line."""
+    with pytest.raises(InvalidConfig) as caught:
+        plan_of({**SETTINGS, 'plate.balls': 3, 'added': text})
+    assert str(caught.value).startswith('added: wanted readings that were added to the plan: table position, ball')
+    assert str(caught.value).endswith(f'got {text!r:.80}')
 
 
 @pytest.mark.parametrize('change', [{'ball': [0, 1]}, {'approach': [0, 1]}, {'wait': [-1.0, 0.0]}, {'wait': [1.0]},
@@ -248,7 +256,7 @@ def test_targets_of_a_block_that_no_event_names_are_of_the_plan():
     ({'until_probability': 95.0}, 'goal: until.probability: wanted a number in 0 .. 1'),
     ({'until_probability': float('nan')}, 'goal: until.probability: wanted a number in 0 .. 1'),
     ({'until_uncertainty': -1e-6}, 'goal: until.uncertainty_m: wanted a number in 0 .. 1'),
-    ({'most_readings': 60}, 'goal: most_readings: wanted until_probability or until_uncertainty beside it, got neither'),
+    ({'most_readings': 60}, 'goal: most_readings: wanted until_probability or until_uncertainty beside it, got '),
 ])
 def test_what_cannot_be_meant_is_refused(goal, words):
     """In one line, before anything is measured."""

@@ -70,7 +70,7 @@ def test_one_run_grows_block_by_block(outcome):
     assert [f'{i} {j}' for i, j in readings(run)[N * N:]] == [' '.join(row.split()[:2]) for row in added]
     assert [one.seq for one in run.targets] == list(range(1, len(run.targets) + 1))
     assert run.targets[-1].phase == Phase.DRIFT_CHECK
-    assert any(text.startswith('settling: ') and 'run 40 of' in text for text in texts)
+    assert any(text.startswith('settling: ') and f'; run {N * N + 1} of {N * N + 12}: ' in text for text in texts)
     assert any(text.startswith(ASKING) for text in texts)
 
 

@@ -60,7 +60,8 @@ def test_a_block_that_the_cmm_takes():
     ((block, text, _, is_settled),) = rig.heard
     assert (block.ball.tolist(), text, is_settled) == ([1], 'A or B', False)
     (request,) = rig.requests
-    assert (request.run_id, request.readings_hash, request.readings, request.until_probability) == ('a', 'hash', 12, 0.95)
+    assert (request.run_id, request.readings_hash, request.readings) == ('a', 'hash', 12)
+    assert request.until_probability == 0.95
 
 
 def test_a_block_that_the_cmm_refuses_is_replaced_by_the_next_best():
@@ -93,3 +94,10 @@ def test_nothing_more_is_wanted():
     """Settled, or hopeless: no block."""
     rig = Rig(block=Block(), settled=True, text='warm-up')
     assert rig.ask() == ['decided'] and rig.heard == [(None, 'warm-up', 1.0, True)]
+
+
+def test_an_answer_for_a_run_that_is_over_is_none_for_the_next():
+    """Nothing of it is put to the CMM."""
+    rig, other = Rig(), Rig()
+    rig.block.ask(rig.sequence, 'hash', 12)
+    assert rig.block.tick(other.sequence, 1.0) == () and rig.heard == other.heard == []
