@@ -16,6 +16,7 @@ from rclpy.time import Time
 from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
 from rosgraph_msgs.msg import Clock
 
+from rosette_ros.calibration.calibration_plan import LONGEST
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig, InvalidPlan, RosetteError
 from rosette_ros.io.log_run import SIMULATED_STATUS
@@ -38,9 +39,9 @@ WANTED = (
 class SimulatedCmm(CmmNode):
     """Measures as fast as the computer allows; its clock shows how long a real cell would take.
 
-    The simulated time starts at the wall time of the node's start and advances only by measuring, so that a run does
-    not depend on the speed of the computer. A change in the file of the machine applies from the next run on, as when
-    a person switches a correction off between two runs.
+    The simulated time starts at the wall time of the node's start and advances only by measuring, and by waiting where
+    a target has a later stamp, so that a run does not depend on the speed of the computer. A change in the file of the
+    machine applies from the next run on, as when a person switches a correction off between two runs.
 
     Topics: those of CmmNode and `/clock`. A plan for another plate is refused. Parameters: WANTED."""
 
@@ -72,7 +73,8 @@ class SimulatedCmm(CmmNode):
         try:
             if target.run_id != self._run_id:
                 self._begin_run(target)
-            self._machine.stand(1e-9 * (nanoseconds(target.header.stamp) - self._newest))  # asked for later than now
+            wait = 1e-9 * (nanoseconds(target.header.stamp) - self._newest)  # a target may be for later than now
+            self._machine.stand(wait if wait <= LONGEST else 0.0)
             struck = strikes(self._machine.config.faults, self._machine.config.seed, target.seq, target.attempt)
             self._struck += len(struck)
             reading = self._measure(target, struck)

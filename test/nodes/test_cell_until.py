@@ -5,17 +5,22 @@ import os
 import signal
 import time
 
+import numpy as np
 import pytest
 import yaml
-from rosette_msgs.msg import CalibrationEvent
+from rclpy.serialization import deserialize_message
+from rosette_msgs.msg import BallCentre, CalibrationEvent, ProbeTarget
 
+from rosette_ros.calibration.settings import PLANNED, plan_of
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES
 from rosette_ros.cli.main import main
 from rosette_ros.cli.replay import decisions_of
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.messages import Phase
+from rosette_ros.io.messages import Phase, answer_of
+from rosette_ros.nodes import names, qos
+from rosette_ros.nodes.conversions import target_message
 
 pytestmark = pytest.mark.long
 
@@ -144,8 +149,28 @@ def test_a_run_is_cancelled_while_a_block_is_asked(cell, module_domain_id):
     assert again.success and 'not settled: ' in again.message
 
 
-def test_the_service_takes_it_from_the_parameters(cell, module_domain_id, client):
-    """And a goal outside the limits is refused in one line."""
-    with CellClient(module_domain_id) as asking, pytest.raises(CellError) as caught:
-        asking.calibrate(until_probability=0.4)
+def test_a_simulated_machine_waits_for_the_time_of_a_target(cell_of, peer, wait_until):
+    """The next answer is so much later; a stamp that is past, or absurd, changes nothing."""
+    made = plan_of({wanted.name: wanted.default for wanted in PLANNED} | {'plate.balls': 4})
+    out = peer.node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
+    peer.listen(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre')
+    stamps, heard = [], peer.heard[names.BALL_CENTRE]
+    with cell_of(4, nodes=('cmm',)):
+        peer.start()
+        wait_until(lambda: out.get_subscription_count())
+        for count, wait in enumerate((0.0, 0.0, 600.0, -600.0, 1e9)):
+            target = made.placed(made.target(0), made.taught, 'machine')._replace(
+                run_id='a', seq=count + 1, stamp_ns=(stamps or [0])[-1] + round(1e9 * wait))
+            out.publish(target_message(target))
+            wait_until(lambda count=count: len(heard) > count)
+            stamps.append(answer_of(deserialize_message(heard[-1], BallCentre)).stamp_ns)
+    steps = np.diff(stamps) * 1e-9
+    assert 600.0 < steps[1] < 600.0 + steps[0]  # stamps are the middle of the touches
+    assert steps[[2, 3]] == pytest.approx(steps[[0, 0]], rel=0.1)
+
+
+def test_a_goal_outside_the_limits_is_refused(cell, module_domain_id):
+    """In one line, before anything is measured."""
+    with CellClient(module_domain_id) as client, pytest.raises(CellError) as caught:
+        client.calibrate(until_probability=0.4)
     assert 'until.probability: wanted a number above 0.5 and below 1, or 0 for none, got 0.4' in str(caught.value)
