@@ -92,7 +92,10 @@ def show_saving(out: Console, config: MachineConfig, log_path: Path, order: str,
     run, scheme = log.to_run(), plan(config.plate.balls, order, seed)
     size = scheme.ball.size
     said = next(one.text for one in reversed(log.events) if one.kind == EXTENDED)
-    out.print(f'\nAfter {size} readings as planned, {run.size - size} were added '
+    if run.size == size:
+        out.print(f'\nAfter the {size} readings of the plan, none was added: {escape(said)}', soft_wrap=True)
+        return
+    out.print(f'\nAfter the {size} readings of the plan, {run.size - size} were added '
               f'({duration(run.time[-1] - run.time[size - 1])}): {escape(said)}', soft_wrap=True)
     twice: dict[str, Any] = {name: np.tile(getattr(scheme, name), 2) for name in (
         'table_position', 'ball', 'approach', 'touches', 'session', 'wait')}
