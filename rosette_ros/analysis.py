@@ -29,6 +29,8 @@ from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.surroundings import unseen
 from rosette_ros.core.planning.advice import Advice, advise, advise_run
+from rosette_ros.core.planning.next_readings import NextReadings as NextReadings
+from rosette_ros.core.planning.next_readings import next_readings as next_readings
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import ErrorMotions, Floats, Run
 from rosette_ros.core.stated_environment import Environment

@@ -14,11 +14,10 @@ from rosette_ros.core.geometry import Frame, nominal_angles
 from rosette_ros.core.records import Floats, Ints
 from rosette_ros.core.scheme import Scheme, cmm_position
 from rosette_ros.io.messages import TABLE_FRAME, Phase, Target
+from rosette_ros.io.plan_file import LONGEST_WAIT
 
 BLOCK = ('table_position', 'ball', 'approach', 'wait')
 """Columns of readings that are added to a plan."""
-LONGEST = 86_400.0
-"""Longest wait before a reading, s."""
 
 
 def block_of(n: int, columns: Mapping[str, ArrayLike]) -> Scheme:
@@ -26,9 +25,9 @@ def block_of(n: int, columns: Mapping[str, ArrayLike]) -> Scheme:
     made = {name: np.asarray(columns[name], dtype=float if name == 'wait' else np.int64) for name in BLOCK}
     table, ball, approach, wait = made.values()
     if not (table.size == ball.size == approach.size == wait.size and np.isin([table, ball], np.arange(1, n + 1)).all()
-            and np.isin(approach, (-1, 1)).all() and np.all((wait >= 0) & (wait <= LONGEST))):
+            and np.isin(approach, (-1, 1)).all() and np.all((wait >= 0) & (wait <= LONGEST_WAIT))):
         raise InvalidPlan(f'readings that are added: wanted table position and ball in 1..{n}, approach +1 or -1 and a '
-                          f'wait of 0 to {LONGEST:g} s of each, got {made!r:.200}')
+                          f'wait of 0 to {LONGEST_WAIT} s of each, got {made!r:.200}')
     return Scheme(n, 'added', 0, table, ball, approach, wait=wait)
 
 

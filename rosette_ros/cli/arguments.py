@@ -48,8 +48,8 @@ def positive(unit: str) -> Callable[[str], float]:
     return _reader(float, lambda value: 0 < value < math.inf, f'a positive number ({unit})')
 
 
-def probability(text: str) -> float:
-    """Read a probability from which on something is taken for settled."""
+def until(text: str) -> float:
+    """Return the probability from which on a cause is settled."""
     return _reader(float, lambda value: 0.5 < value < 1, 'a probability above 0.5 and below 1')(text)
 
 

@@ -32,7 +32,7 @@ from rosette_ros.cli.arguments import (
     add_table_offset,
     made_folder,
     positive,
-    probability,
+    until,
     whole,
 )
 from rosette_ros.cli.console import console, print_checks, print_json, print_parts, print_verdict
@@ -210,7 +210,7 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plan', metavar='FILE', help='measure a plan file (rosette plan --output FILE) instead of '
                         'an order')
     add_shared(parser, '--plate')
-    parser.add_argument('--until', metavar='P', type=probability, help='after the plan, add readings that part the '
+    parser.add_argument('--until', metavar='P', type=until, help='after the plan, add readings that part the '
                         'explanations until what the model lacks is settled with this probability, such as 0.95')
     parser.add_argument('--until-uncertainty-um', metavar='U', type=positive('um'), help='likewise until the largest '
                         'expanded uncertainty (k = 2) of the curves is no larger, µm, rotations at the balls')

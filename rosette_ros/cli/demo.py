@@ -19,7 +19,7 @@ from rich.markup import escape
 from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.cli import hidden_demo
-from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, probability, whole
+from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, until, whole
 from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
 from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown, write_machine
@@ -72,7 +72,7 @@ def demo_arguments(parser: ArgumentParser) -> None:
                         'the sealed envelope says which')
     parser.add_argument('--open', action='store_true', help='with --hidden: open the envelope '
                         'at the end (otherwise on a key press, or by rosette envelope RUN)')
-    parser.add_argument('--until', metavar='P', type=probability, help='with --hidden: measure on until what is hidden '
+    parser.add_argument('--until', metavar='P', type=until, help='with --hidden: measure on until what is hidden '
                         'is settled with this probability, such as 0.95, and state what that has saved')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')

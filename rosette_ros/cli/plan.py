@@ -15,7 +15,7 @@ import numpy as np
 from rich.markup import escape
 
 from rosette_ros import command, program
-from rosette_ros.analysis import advise, advise_run
+from rosette_ros.analysis import advise, advise_run, next_readings
 from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts, warn
@@ -24,6 +24,8 @@ from rosette_ros.core import axes
 from rosette_ros.core.effects.library import effect
 from rosette_ros.core.errors import InvalidData, InvalidPlan
 from rosette_ros.core.planning.advice import Advice
+from rosette_ros.core.planning.block_ways import with_block
+from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
@@ -36,11 +38,14 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import exact, millimetres
 from rosette_ros.presentation.json_output import advice_json
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.settling_words import next_words
 
 MOST_BALLS = 1000
 WIDEST_MAP = 20
 """Most balls for which the map of the scheme fits on a screen."""
 MOST_PLANS = 12
+MOST_NEXT = 1000
+"""Next readings that may be asked for at once."""
 USUAL_RADIUS_MM = 182.5
 """Radius of the plate of the paper, where a question is answered without a plate."""
 
@@ -237,13 +242,25 @@ def advise_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--show', metavar='EFFECT', action='append', default=[],
                         help='an effect that the next run must show; may be given several times '
                         '(default: all that the present order shows weakly)')
-    add_shared(parser, '--json')
+    parser.add_argument('--readings', metavar='N', type=whole(1, MOST_NEXT), help='the next N readings of RUN, by '
+                        'which the explanations that are in doubt part most')
+    parser.add_argument('--until', metavar='P', type=arguments.until, help='with --readings: probability from which on '
+                        f'a cause is settled (default {UNTIL:g})')
+    parser.add_argument('--plan', metavar='FILE', help='with --readings: write what was measured, and they, as a plan '
+                        'for calibrate --plan, CSV')
+    add_shared(parser, '--model', '--json', '--force')
 
 
 def run_advise(options: Namespace) -> None:
     """Print the advice."""
     wanted = tuple(effect(name).name for name in options.show)
     planned = (options.balls, options.order)
+    if options.readings is not None:
+        advise_readings(options)
+        return
+    for name in ('until', 'plan', 'model'):
+        if getattr(options, name) is not None:
+            raise UsageError(f'advise: --{name} goes with --readings only; leave it out')
     if options.run_path is not None and planned == (None, None):
         measured = Opened(options).run
         warn(measured)
@@ -258,6 +275,32 @@ def run_advise(options: Namespace) -> None:
         print_json(advice_json(advice, n, radius, run_id))
     else:
         show_advice(advice, n, radius)
+
+
+def advise_readings(options: Namespace) -> None:
+    """Print the next readings of a run, and write them as a plan."""
+    if options.run_path is None or options.order is not None or options.show:
+        raise UsageError('advise: --readings: wanted RUN, without --order and --show')
+    if options.plan and Path(options.plan).suffix.lower() != '.csv':
+        raise UsageError(f'--plan: wanted a name that ends in .csv, got {options.plan!r}')
+    opened = Opened(options)
+    run = opened.run
+    warn(run)
+    found = next_readings(run, opened.model, options.readings, until=options.until or UNTIL)
+    if options.plan and found.targets is not None:
+        made = MeasuringPlan(with_block(run, found.targets), run.radius)
+        write_text(options.plan, format_plan(made), options.force)
+    if options.json:
+        print_json(results.next_json(found, run))
+        return
+    out = console()
+    for sentence in next_words(found):
+        out.print(escape(sentence), soft_wrap=True)
+    if found.targets is not None:
+        print_parts(out, [results.targets(found.targets, 1e3 * run.radius)])
+        if options.plan:
+            out.print(f'\nWritten to {escape(options.plan)}, after the {run.size} readings of the run. Measure with: '
+                      f'{program()} calibrate --plan {escape(options.plan)}', soft_wrap=True)
 
 
 def show_advice(advice: Advice, n: int, radius: float) -> None:

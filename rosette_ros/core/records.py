@@ -186,9 +186,11 @@ class Run:
 
     @property
     def is_gapless(self) -> bool:
-        """Whether the CMM went from reading to reading: none is missing but whole balls or CMM positions, by plan."""
-        way = self._way
-        return way is not None and way.place.size == way.ball.size and self.size % _distinct(self.cells) == 0
+        """Whether the CMM went from reading to reading: none is missing but whole balls or CMM positions, by plan.
+
+        What follows when every pair has been measured once goes on from there."""
+        way, whole = self._way, _distinct(self.cells)
+        return way is not None and way.place.size == way.ball.size and _distinct(self.cells[:whole]) == whole
 
     @cached_property
     def completeness(self) -> float:

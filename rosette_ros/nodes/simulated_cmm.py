@@ -16,11 +16,11 @@ from rclpy.time import Time
 from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
 from rosgraph_msgs.msg import Clock
 
-from rosette_ros.calibration.calibration_plan import LONGEST
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig, InvalidPlan, RosetteError
 from rosette_ros.io.log_run import SIMULATED_STATUS
 from rosette_ros.io.messages import MACHINE_FRAME, nanoseconds, target_of
+from rosette_ros.io.plan_file import LONGEST_WAIT
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import OK, WARN, Health, run_node
 from rosette_ros.nodes.cmm_node import CmmNode
@@ -74,7 +74,7 @@ class SimulatedCmm(CmmNode):
             if target.run_id != self._run_id:
                 self._begin_run(target)
             wait = 1e-9 * (nanoseconds(target.header.stamp) - self._newest)  # a target may be for later than now
-            self._machine.stand(wait if wait <= LONGEST else 0.0)
+            self._machine.stand(wait if wait <= LONGEST_WAIT else 0.0)
             struck = strikes(self._machine.config.faults, self._machine.config.seed, target.seq, target.attempt)
             self._struck += len(struck)
             reading = self._measure(target, struck)

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.posterior import HEARD
 from rosette_ros.core.planning.expectation import Expectation
+from rosette_ros.core.planning.next_readings import NextReadings
 from rosette_ros.core.planning.plan_comparison import Outlook, better
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.records import CURVES, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.csv_parser import COLUMNS
 from rosette_ros.io.csv_parser import SCHEMA as TABLE_SCHEMA
@@ -17,8 +19,9 @@ from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json, by_curve, plain, visibility_json
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import visibility
+from rosette_ros.words.settling_words import next_words
 
-COMPARISON = 'rosette-plans/1'
+COMPARISON, NEXT_READINGS = 'rosette-plans/1', 'rosette-next-readings/1'
 ANGLE_PLACES = 9
 """Decimals of an angle that is no whole number of degrees: 1e-9 deg is 3 pm at 182.5 mm."""
 HEADER = 'seq,cmm_position,table_position,ball,x_mm,y_mm,z_mm,table_angle_deg'
@@ -137,6 +140,23 @@ def plan_json(plan: Outlook) -> Json:
         'travel': {'table_rad': way.table_angle, 'table_moves': way.table_moves,
                    'cmm_m': way.cmm_way, 'cmm_moves': way.cmm_moves},
         'expected': expected_json(plan)})
+
+
+def next_json(found: NextReadings, run: Run) -> Json:
+    """Return the next readings of a run as plain lists and dicts, SI, schema rosette-next-readings/1."""
+    block, pair = found.targets, found.separates
+    return plain({
+        'schema': NEXT_READINGS, 'run_id': run.run_id, 'n': run.n, 'radius_m': run.radius,
+        'readings_so_far': run.size, 'text': ' '.join(next_words(found)), 'is_settled': found.is_settled,
+        'is_hopeless': found.is_hopeless, 'gain_nat': found.gain, 'duration_s': found.duration,
+        'uncertainty_m': found.uncertainty, 'expected_uncertainty_m': found.expected_uncertainty,
+        'explanations': [{'members': one.names, 'probability': one.probability}
+                         for one in found.contenders if one.probability > HEARD],
+        'separates': pair and {'members': [pair.first.names, pair.second.names], 'share': pair.now,
+                               'expected_share': pair.expected},
+        'readings': block and {name: getattr(block, name) for name in (
+            'table_position', 'ball', 'cmm_position', 'approach')} | {
+            'wait_s': block.wait, 'table_angle_rad': block.table_angle, 'centre_m': block.centres(run.radius)}})
 
 
 def expected_json(plan: Outlook) -> Json:

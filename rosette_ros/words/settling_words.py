@@ -5,9 +5,10 @@ from collections import Counter
 
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.planning.next_readings import Contender, NextReadings, Separation
-from rosette_ros.words.effect_words import names, title_of
+from rosette_ros.words.effect_words import capital, names, title_of
 
 NOTHING = 'nothing more'
+NOTHING_TO_DO = 'Nothing more has to be measured.'
 
 
 def contender_words(one: Contender, other: Contender | None = None) -> str:
@@ -56,9 +57,16 @@ def hopeless_words(found: NextReadings) -> str:
 def standing_words(found: NextReadings) -> str:
     """Return how it stands: 'warm-up or drift, 61 : 39', why no block helps, or what is settled."""
     if found.is_settled:
-        likeliest = found.contenders[0]
-        return contender_words(likeliest) if likeliest.names else 'nothing is missing'
+        return contender_words(found.contenders[0])
     return hopeless_words(found) or open_words(found).removeprefix('settling: ')
+
+
+def next_words(found: NextReadings) -> list[str]:
+    """Return what is known, what is in doubt and what the block is for, a sentence each."""
+    if found.is_settled:
+        best = found.contenders[0]
+        return [f'Settled: {contender_words(best)}, U = {1e6 * found.uncertainty:.3g} µm.', NOTHING_TO_DO]
+    return [f'{capital(text)}.' for text in (open_words(found), block_words(found), hopeless_words(found)) if text]
 
 
 def odds(share: float) -> str:

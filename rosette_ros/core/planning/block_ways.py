@@ -17,7 +17,7 @@ NEXT = 'next'
 STOPS = 1, 3, 6
 """Table positions of a way; of smaller plates at most all."""
 WAITS = 0.0, 0.25, 1.0
-"""Waits before a way, in durations of the run so far."""
+"""Waits before a way, in times that so many readings as the run has take without waits."""
 TREND = 0.25
 """Last part of a run from which the temperature is continued, and time, over the run's, in which its change ends."""
 
@@ -55,7 +55,7 @@ def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[Way]:
     the long way round, which is travel without a reading."""
     n, last, sense = run.n, int(run.table_position[-1]), _last_sense(run)
     for wait in WAITS:
-        seconds = wait * float(run.time[-1] - run.time[0])
+        seconds = wait * run.size * float(np.median(np.diff(run.time)))
         for count in dict.fromkeys(min(count, n) for count in stops):
             steps = dict.fromkeys((1, max(n // count, 1))) if count > 1 else (0, 1)
             for step in steps:
@@ -68,6 +68,14 @@ def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[Way]:
 
 def _last_sense(run: Run) -> int:
     return -1 if run.approach[-1] < 0 else 1
+
+
+def with_block(run: Run, block: Scheme) -> Scheme:
+    """Return the readings of a run, as they were measured, and those of a block as one scheme."""
+    parts = [(getattr(run, name), getattr(block, name)) for name in ('table_position', 'ball', 'approach')]
+    position, ball, approach = (np.concatenate(one) for one in parts)
+    return Scheme(run.n, NEXT, 0, position, ball, np.where(approach < 0, -1, 1), table_offset=run.table_offset,
+                  wait=np.concatenate([np.zeros(run.size), block.wait]))
 
 
 def continued(run: Run, scheme: Scheme, pace: Pace) -> Run:

@@ -16,12 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rosette_ros.core.diagnosis.diagnosis import RunSearch, search_of
-from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.posterior import HEARD, Posterior
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.block_ways import Way, continued, ways
-from rosette_ros.core.planning.predictions import Predictor, expected_share, information
+from rosette_ros.core.planning.predictions import Predictor, expected_share, information, members_of
 from rosette_ros.core.records import Ints, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.touches import USUAL_PACE, Pace
@@ -32,10 +31,12 @@ UNTIL = 0.95
 """Probability from which on an explanation is settled unless another one is asked for."""
 MOST = 10
 """Explanations that a block is chosen by."""
+LEAST = 0.05
+"""Information of all readings of the best way, nats, below which no block of this cell helps."""
 FINALISTS = 6
 """Blocks that are calculated exactly as they would be measured: the best ones of all."""
-ALMOST = 0.9
-"""Share of the most information from which on the time that a block takes decides."""
+HASTE = 0.3
+"""The block of the most information over this power of its time is taken: ten times the time is worth twice as much."""
 
 
 @dataclass(frozen=True)
@@ -99,53 +100,57 @@ def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, p
     uncertainty: U from which on the curves are, m, None for any; refused: blocks that the CMM does not take, none of
     which is given again. Raises as `diagnose`.
     """
+    found = standing(run, model, until, uncertainty)
+    return found if found.is_settled else _block(search_of(run, model or Model()), found, readings, pace, refused)
+
+
+def standing(run: Run, model: Model | None = None, until: float = UNTIL,
+             uncertainty: float | None = None) -> NextReadings:
+    """Return what is known and what is in doubt, without a block; arguments and errors as of `next_readings`."""
     search = search_of(run, model or Model())
-    contenders = contenders_of(search.posterior)
-    now = expanded(search.base)
-    pair, exact = in_doubt(contenders, until), uncertainty is None or now <= uncertainty
-    if not pair and exact:
-        return NextReadings(contenders, now, True)
-    return _block(search, contenders, readings, pace, pair, now, refused)
+    contenders, now = contenders_of(search.posterior), expanded(search.base)
+    pair = in_doubt(contenders, until)
+    return NextReadings(contenders, now, not pair and (uncertainty is None or now <= uncertainty), separates=pair,
+                        expected_uncertainty=now)
 
 
-def _block(search: RunSearch, contenders: tuple[Contender, ...], readings: int, pace: Pace, pair: Separation | None,
-           now: float, refused: Sequence[Scheme]) -> NextReadings:
-    """Return the block that parts the explanations most."""
-    run = search.run
-    likely = [one for one in contenders if one.probability > HEARD][:MOST]
+def _block(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
+           refused: Sequence[Scheme]) -> NextReadings:
+    """Return what was found with the block that parts the explanations most."""
+    run, pair = search.run, found.separates
+    likely = [one for one in found.contenders if one.probability > HEARD][:MOST]
     if pair:
         likely = list(dict.fromkeys((pair.first, pair.second, *likely)))[:MOST]
     p = np.array([one.probability for one in likely])
     p /= p.sum()
-    predictor = Predictor(search, [_members(search.posterior, one) for one in likely], p)
+    predictor = Predictor(search, [members_of(search.posterior, one.names) for one in likely], p)
     guessed = sorted((_guessed(predictor, way, readings, pace) for way in ways(run)), key=lambda one: -one[0])
-    found = []
-    for _, block in guessed[:FINALISTS + len(refused)]:
+    if max(every for _, _, every in guessed) < LEAST:
+        return found
+    made = []
+    for _, block, _ in guessed[:FINALISTS + len(refused)]:
         if not any(same(block, one) for one in refused):
             longer = continued(run, block, pace)
             square = predictor.predicted(longer).distances
-            found.append((float(information(p, square)), float(longer.time[-1] - run.time[-1]), block, square))
-    if not found:
-        return NextReadings(contenders, now, False, separates=pair)
-    top = max(gain for gain, *_ in found)
-    gain, duration, block, square = min((one for one in found if one[0] >= ALMOST * top), key=lambda one: one[1])
+            made.append((float(information(p, square)), float(longer.time[-1] - run.time[-1]), block, square))
+    if not made:
+        return found
+    gain, duration, block, square = max(made, key=lambda one: one[0] / one[1]**HASTE)
     if pair:
         i, j = likely.index(pair.first), likely.index(pair.second)
         pair = replace(pair, expected=expected_share(pair.now, float(square[i, j])))
-    return NextReadings(contenders, now, False, block, gain, duration, pair, now)
+    return replace(found, targets=block, gain=gain, duration=duration, separates=pair)
 
 
-def _guessed(predictor: Predictor, way: Way, readings: int, pace: Pace) -> tuple[float, Scheme]:
-    """Return the readings of a way that part the explanations most, and about how much."""
-    every = way.every(predictor.run)
-    guess = predictor.predicted(continued(predictor.run, every, pace))
+def _guessed(predictor: Predictor, way: Way, readings: int, pace: Pace) -> tuple[float, Scheme, float]:
+    """Return how much the readings of a way that part the explanations most do so for the time that they take, about,
+    these readings, and how much all of the way do, nats."""
+    run, every = predictor.run, way.every(predictor.run)
+    guess = predictor.predicted(continued(run, every, pace))
     some, gain = guess.chosen(predictor.p, readings)
-    return gain, _taken(every, np.sort(some))
-
-
-def _members(posterior: Posterior, one: Contender) -> Sequence[Place]:
-    """Return the members of an explanation at their best settings, under the likeliest noise."""
-    return posterior.places(next(key for key in posterior.keys if key[0] == one.names))
+    block = _taken(every, np.sort(some))
+    rate = gain / float(continued(run, block, pace).time[-1] - run.time[-1])**HASTE
+    return rate, block, float(information(predictor.p, guess.distances))
 
 
 def _taken(scheme: Scheme, some: Ints) -> Scheme:

@@ -25,8 +25,9 @@ import numpy as np
 from scipy import special
 
 from rosette_ros.core.diagnosis.diagnosis import RunSearch
-from rosette_ros.core.diagnosis.log_evidence import Place
+from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.effect import Effect, Setting
+from rosette_ros.core.effects.free import FREE, WALK
 from rosette_ros.core.model.least_squares import REFINED, observed
 from rosette_ros.core.records import Floats, Run
 
@@ -94,17 +95,24 @@ def expected_share(share: float, square: float) -> float:
     return float(special.expit(special.logit(share) + square / 2 + np.sqrt(square) * z) @ weight / weight.sum())
 
 
+def members_of(posterior: Posterior, names: tuple[str, ...]) -> list[Member]:
+    """Return the members of an explanation at their best settings; a frame that wanders, as noise, is one of them."""
+    key = next(key for key in posterior.keys if key[0] == names)
+    walk = (FREE, Setting(of='time', kind=WALK, along='frame along x, y and z'))
+    return [*((family.effect, setting) for family, setting in posterior.places(key)), *[walk] * ('wander' in key[1])]
+
+
 class Predictor:
     """Predictions of explanations, each the effects of a model and its own members at their settings.
 
     search: of the run; members: of each explanation; p: (m,) their probabilities, which add up to 1.
     """
 
-    def __init__(self, search: RunSearch, members: Sequence[Sequence[Place]], p: Floats) -> None:
+    def __init__(self, search: RunSearch, members: Sequence[Sequence[Member]], p: Floats) -> None:
         fit, self.p = search.base, p
         self.run, self._space = search.run, fit.joint.space
         known = [(term.effect, setting) for term, setting in zip(fit.model.terms, fit.settings)]
-        self._members = [[*known, *((family.effect, setting) for family, setting in some)] for some in members]
+        self._members = [[*known, *some] for some in members]
         self._every = list(dict.fromkeys(one for some in self._members for one in some))
         self._y = self._space.residual((observed(self.run) - fit.beyond)[None]).ravel() / fit.sigma
         self._sd = np.sqrt(fit.noise.axes**2 + fit.noise.wander)
@@ -159,13 +167,19 @@ def _solved(blocks: Sequence[tuple[slice, list[slice]]], gram: Floats,
 
 
 def _linear(run: Run, effect: Effect, setting: Setting, size: int) -> list[Floats]:
-    """Return mixes of the columns of an effect, (q, N, 3), that are orthonormal in the first `size` readings, and what
-    they change by where each of its refined parameters is doubled, to first order, (q, N, 3) each."""
+    """Return mixes of the columns of an effect, (q, N, 3), that are orthonormal in the first `size` readings, of a free
+    course of the sizes of its process and a square sum of 1 together, and what they change by where each of its refined
+    parameters is doubled, to first order, (q, N, 3) each."""
     raw = _columns(run, effect, setting)
     flat = raw[:, :size].reshape(len(raw), -1)
-    value, vector = np.linalg.eigh(flat @ flat.T)
-    keep = value > RANK * max(value[-1], 1e-300)
-    mix = (vector[:, keep] / np.sqrt(value[keep])).T
+    if effect is FREE:
+        variance = FREE.course(run, setting)[1]
+        weight = np.sqrt(np.repeat(variance, len(raw) // len(variance)))
+        mix = np.diag(weight / np.linalg.norm(weight[:, None] * flat))
+    else:
+        value, vector = np.linalg.eigh(flat @ flat.T)
+        keep = value > RANK * max(value[-1], 1e-300)
+        mix = (vector[:, keep] / np.sqrt(value[keep])).T
     out = [np.tensordot(mix, raw, axes=1)]
     for one in effect.searched:
         if one.kind in REFINED and one.name in setting:
