@@ -78,6 +78,8 @@ class Sequencer(ManagedNode):
         self._joint_client = self.create_client(EvaluateJointly, names.EVALUATE_JOINTLY)
         self._cell, self._plan_check = CellMonitor(self, self._recorder), PlanCheck(self)
         self._next_block = NextBlock(self, self._evaluator, self._plan_check)
+        # A request that a killed one has, is lost: its service is on the graph until the next one offers it.
+        self.monitor(names.EVALUATOR).on_change = partial(self._evaluator.give_up, 'the evaluator was restarted')
         introspected_service(self, Trigger, names.START_CALIBRATION, self._on_start)
         introspected_service(self, Trigger, names.CANCEL_CALIBRATION, self._on_cancel_service)
         self._action = CalibrateServer(
