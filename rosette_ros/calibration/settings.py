@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from rosette_ros.calibration.calibration_plan import BLOCK, CalibrationPlan, block_of, plan_calibration
-from rosette_ros.calibration.state_machine import Limits, Until
+from rosette_ros.calibration.commands import Limits, Until
 from rosette_ros.core.axes import taught_frame
 from rosette_ros.core.errors import InvalidConfig, InvalidPlan
 from rosette_ros.core.joint.readings import Plate

@@ -14,7 +14,8 @@ from rosette_msgs.msg import Block, CalibrationEvent, ProbeTarget
 from rosette_msgs.srv import CheckPlan, NextReadings, Recall, Recorded, StartRecording, StopRecording
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
-from rosette_ros.calibration.state_machine import Commands, Remark, Sequence, Until
+from rosette_ros.calibration.commands import Commands, Remark, Until
+from rosette_ros.calibration.state_machine import Sequence
 from rosette_ros.core.errors import CellError, InvalidPlan, plain
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
@@ -237,10 +238,11 @@ class NextBlock:
         self._sequence: Sequence | None = None  # for which they are
         self._plan: CalibrationPlan | None = None  # with the readings in the response
 
-    @property
-    def is_there(self) -> bool:
-        """Whether an evaluator offers to answer."""
-        return self._client.service_is_ready()
+    def refuse_none(self, sequence: Sequence) -> None:
+        """Raise CellError where a sequence will ask, and no evaluator offers to answer."""
+        if sequence.until and not self._client.service_is_ready():
+            raise CellError(f'until: wanted an evaluator with the service {names.NEXT_READINGS}, got none; start another '
+                            'one, or calibrate without until')
 
     def ask(self, sequence: Sequence, readings_hash: str, readings: int, refused: Iterable[Block] = ()) -> None:
         """Ask for at most so many readings after those with a hash, no refused block; `tick` has the answer."""

@@ -16,22 +16,10 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
+from rosette_ros.calibration import commands as to
 from rosette_ros.calibration.goal import Job, Request, make_job
 from rosette_ros.calibration.settings import IDENTITY, LIMITS, PLANNED, RESUME, Wanted, goal_changes
-from rosette_ros.calibration.state_machine import (
-    Ask,
-    AskNext,
-    Command,
-    Extended,
-    Finish,
-    Locate,
-    PublishRun,
-    PublishState,
-    Remark,
-    Results,
-    Verify,
-    with_advice,
-)
+from rosette_ros.calibration.state_machine import with_advice
 from rosette_ros.core.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, Target, answer_of, nanoseconds
 from rosette_ros.io.run_assembly import RunAnswers
@@ -39,14 +27,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING
-from rosette_ros.nodes.node_requests import (
-    END_EVENTS,
-    CellMonitor,
-    NextBlock,
-    PlanCheck,
-    RecorderLink,
-    Requests,
-)
+from rosette_ros.nodes.node_requests import END_EVENTS, CellMonitor, NextBlock, PlanCheck, RecorderLink, Requests
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
 CELL = (
@@ -189,9 +170,7 @@ class Sequencer(ManagedNode):
         if lacks_recorder or not self._cell.is_settled(now):
             return
         try:
-            if job.sequence.until and not self._next_block.is_there:
-                raise CellError(f'until: wanted an evaluator with the service {names.NEXT_READINGS}, got none; start '
-                                'another one, or calibrate without until')
+            self._next_block.refuse_none(job.sequence)
             job.is_waiting = not self._plan_check.is_passed(job.run_id, job.sequence.plan, now)
         except CellError as error:
             self._do(job, job.sequence.fail(str(error)))
@@ -231,7 +210,7 @@ class Sequencer(ManagedNode):
     def _on_error_motions(self, message: ErrorMotions) -> None:
         job = self._job
         if job is not None and message.run_id == job.run_id:
-            results = Results(nanoseconds(message.header.stamp), message.readings_hash, message.model_hash,
+            results = to.Results(nanoseconds(message.header.stamp), message.readings_hash, message.model_hash,
                               message.diagnosed)
             commands = job.sequence.evaluated(results)
             job.motions = message if commands else job.motions
@@ -315,32 +294,32 @@ class Sequencer(ManagedNode):
         self._publish_event(job.request, CalibrationEvent.ACCEPTED, f'continues {job.resumes}', job)
         self._recorder.start(job.run_id, job.run_id, self._recorder_timeout, on_opened)
 
-    def _do(self, job: Job, commands: Sequence[Command]) -> None:
+    def _do(self, job: Job, commands: Sequence[to.Command]) -> None:
         for command in commands:
             match command:
-                case Ask(target, wait):
+                case to.Ask(target, wait):
                     self.after(0.0 if self.has_simulated_time else wait, partial(self._ask, job, target))
-                case Locate(frame, stamp_ns):
+                case to.Locate(frame, stamp_ns):
                     # In a run that is resumed: when its alignment found the frame, should the old log lack that.
                     stamp = conversions.time_message(job.located_ns or stamp_ns)
                     found = conversions.frame_message(frame, MACHINE_FRAME, TABLE_FRAME, stamp)
                     job.frames += found.transforms
                     self._frames.publish(found)
-                case Remark(text):
+                case to.Remark(text):
                     self.get_logger().warning(f'run {job.run_id}: {text}')
                     job.remarks.append(text)
-                case PublishState():
+                case to.PublishState():
                     self._publish_state(job)
-                case PublishRun():
+                case to.PublishRun():
                     self._publish_run(job)
-                case Verify(results):
+                case to.Verify(results):
                     self._verify(job, results)
-                case AskNext(results, readings):
+                case to.AskNext(results, readings):
                     self._next_block.ask(job.sequence, results.readings_hash, readings)
-                case Extended(text):
+                case to.Extended(text):
                     self.get_logger().info(f'run {job.run_id}: {text}')
                     self._publish_event(job.request, CalibrationEvent.EXTENDED, text, job)
-                case Finish():
+                case to.Finish():
                     self._finish(job, command)
 
     def _ask(self, job: Job, target: Target) -> None:
@@ -368,7 +347,7 @@ class Sequencer(ManagedNode):
     def _header(self) -> Header:
         return Header(stamp=self.now().to_msg())
 
-    def _verify(self, job: Job, results: Results) -> None:
+    def _verify(self, job: Job, results: to.Results) -> None:
         request = Recorded.Request(
             run_id=job.run_id, error_motions=conversions.time_message(results.stamp_ns), diagnosis=results.diagnosed,
             readings_hash=results.readings_hash, model_hash=results.model_hash)
@@ -376,7 +355,7 @@ class Sequencer(ManagedNode):
             job, job.sequence.verified(response.missing) if response.success else
             job.sequence.not_verified(response.message, self.seconds())))
 
-    def _finish(self, job: Job, command: Finish) -> None:
+    def _finish(self, job: Job, command: to.Finish) -> None:
         self._publish_event(job.request, END_EVENTS[command.phase], command.text, job)
         words = f'run {job.run_id}: {command.phase.name.lower()}: {command.text}'
         if command.phase is Phase.FAILED:
