@@ -241,8 +241,8 @@ class NextBlock:
     def refuse_none(self, sequence: Sequence) -> None:
         """Raise CellError where a sequence will ask, and no evaluator offers to answer."""
         if sequence.until and not self._client.service_is_ready():
-            raise CellError(f'until: wanted an evaluator with the service {names.NEXT_READINGS}, got none; start another '
-                            'one, or calibrate without until')
+            raise CellError(f'until: wanted an evaluator with the service {names.NEXT_READINGS}, got none; start '
+                            'another one, or calibrate without until')
 
     def ask(self, sequence: Sequence, readings_hash: str, readings: int, refused: Iterable[Block] = ()) -> None:
         """Ask for at most so many readings after those with a hash, no refused block; `tick` has the answer."""
