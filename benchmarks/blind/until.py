@@ -111,14 +111,14 @@ class Search:
         for step, ahead in pairwise(chain(STEPS, repeat(STEPS[-1]))):
             path.append([cell.run.size, {' + '.join(one.names): round(one.probability, 4)
                                          for one in found.contenders[:4]}])
-            if found.is_settled or (self.chosen and found.is_hopeless) or cell.run.size >= MOST * self.n**2:
+            if found.is_settled or found.is_hopeless or cell.run.size >= MOST * self.n**2:
                 break
             cell.measure(found.targets or _on(cell.made.scheme, cell.run.size, step))
             began = time.perf_counter()
             found = self._found(cell.run, ahead)
             seconds = max(seconds, time.perf_counter() - began)
         return {'name': name, 'kinds': self.kinds, 'way': way, 'readings': cell.run.size, 'settled': found.is_settled,
-                'hopeless': found.is_hopeless and self.chosen, 'hours': float(cell.run.time[-1]) / 3600, 'path': path,
+                'hopeless': found.is_hopeless, 'hours': float(cell.run.time[-1]) / 3600, 'path': path,
                 'said': list(found.contenders[0].names), 'right': _is_right(found, self.kinds), 'seconds': seconds}
 
     def _found(self, run: Run, readings: int) -> NextReadings:

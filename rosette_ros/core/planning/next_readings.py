@@ -20,7 +20,7 @@ from rosette_ros.core.diagnosis.posterior import HEARD, Posterior
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.block_ways import Way, continued, ways
-from rosette_ros.core.planning.predictions import Predictor, expected_share, information, members_of
+from rosette_ros.core.planning.predictions import Predictor, best_fit, expected_share, information, members_of
 from rosette_ros.core.records import Ints, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.touches import USUAL_PACE, Pace
@@ -73,7 +73,7 @@ class NextReadings:
     drives: turned as `approach` and after `wait` says; None where it is settled, or no block helps; gain: expected
     information on the explanations, nats; duration: s from the last reading to the end of the block, moves and touches
     included; separates: the two explanations that are in doubt, None where one is settled; expected_uncertainty: U
-    after the block, m.
+    after the block, m; is_hopeless: whether it is not settled and no block of readings of this cell would settle it.
     """
 
     contenders: tuple[Contender, ...]
@@ -84,11 +84,7 @@ class NextReadings:
     duration: float = 0.0
     separates: Separation | None = None
     expected_uncertainty: float = np.inf
-
-    @property
-    def is_hopeless(self) -> bool:
-        """Whether it is not settled and no block of readings of this cell would settle it."""
-        return not self.is_settled and self.targets is None
+    is_hopeless: bool = False
 
 
 def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, pace: Pace = USUAL_PACE,
@@ -108,7 +104,7 @@ def standing(run: Run, model: Model | None = None, until: float = UNTIL,
              uncertainty: float | None = None) -> NextReadings:
     """Return what is known and what is in doubt, without a block; arguments and errors as of `next_readings`."""
     search = search_of(run, model or Model())
-    contenders, now = contenders_of(search.posterior), expanded(search.base)
+    contenders, now = contenders_of(search.posterior), expanded(best_fit(search))
     pair = in_doubt(contenders, until)
     return NextReadings(contenders, now, not pair and (uncertainty is None or now <= uncertainty), separates=pair,
                         expected_uncertainty=now)
@@ -126,7 +122,7 @@ def _block(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
     predictor = Predictor(search, [members_of(search.posterior, one.names) for one in likely], p)
     guessed = sorted((_guessed(predictor, way, readings, pace) for way in ways(run)), key=lambda one: -one[0])
     if max(every for _, _, every in guessed) < LEAST:
-        return found
+        return replace(found, is_hopeless=True)
     made = []
     for _, block, _ in guessed[:FINALISTS + len(refused)]:
         if not any(same(block, one) for one in refused):
@@ -134,7 +130,7 @@ def _block(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
             square = predictor.predicted(longer).distances
             made.append((float(information(p, square)), float(longer.time[-1] - run.time[-1]), block, square))
     if not made:
-        return found
+        return replace(found, is_hopeless=True)
     gain, duration, block, square = max(made, key=lambda one: one[0] / one[1]**HASTE)
     if pair:
         i, j = likely.index(pair.first), likely.index(pair.second)
@@ -147,10 +143,10 @@ def _guessed(predictor: Predictor, way: Way, readings: int, pace: Pace) -> tuple
     these readings, and how much all of the way do, nats."""
     run, every = predictor.run, way.every(predictor.run)
     guess = predictor.predicted(continued(run, every, pace))
-    some, gain = guess.chosen(predictor.p, readings)
+    some, gain = guess.chosen(readings)
     block = _taken(every, np.sort(some))
     rate = gain / float(continued(run, block, pace).time[-1] - run.time[-1])**HASTE
-    return rate, block, float(information(predictor.p, guess.distances))
+    return rate, block, guess.information
 
 
 def _taken(scheme: Scheme, some: Ints) -> Scheme:

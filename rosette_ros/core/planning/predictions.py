@@ -7,9 +7,12 @@ readings so far, y, and W what the readings so far leave open of the columns D o
 
     W = D - E (E'E)^-1 E' D    mean = W a,  a = Q F y,  Q = (F F' + 1 / prior)^-1    covariance = s^2 (1 + K + W' Q W)
 
-in which K, the base model's part, and E (E'E)^-1 E' y are common to all. Explanations with means m_i and a common
-covariance C have the distances d_ij^2 = (m_i - m_j)' C^-1 (m_i - m_j), and the information of the readings on them is
-at least
+in which K, the base model's part, and E (E'E)^-1 E' y are common to all. Explanations with means m_i and covariances
+C_i have the distances, with C = (C_i + C_j) / 2,
+
+    d_ij^2 = (m_i - m_j)' C^-1 (m_i - m_j) + 4 ln det C - 2 ln det C_i - 2 ln det C_j
+
+and the information of the readings on them is at least
 
     I = - sum_i p_i ln sum_j p_j exp(-d_ij^2 / 8)
 
@@ -19,22 +22,21 @@ distances).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 from scipy import special
 
 from rosette_ros.core.diagnosis.diagnosis import RunSearch
+from rosette_ros.core.diagnosis.log_evidence import SIZES
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.free import FREE, WALK
-from rosette_ros.core.model.least_squares import REFINED, observed
+from rosette_ros.core.model.least_squares import REFINED, Fit, observed
 from rosette_ros.core.records import Floats, Run
 
-PRIOR = 2.0**10
-"""Size of an amplitude, over sigma, before the readings say how large it is."""
 ROUNDS = 3
-"""Times that sizes are taken from amplitudes."""
+"""Times that the sizes of members are taken from their amplitudes, from the likeliest one of all members together."""
 RANK, STEP = 1e-9, 1e-3
 """Share of the largest square sum of mixes of columns below which one is rounding; step of a derivative."""
 NODES = 24
@@ -47,17 +49,19 @@ Member = tuple[Effect, Setting]
 class Predictions:
     """What explanations predict of S readings.
 
-    mean: (explanations, 3 S), in standard deviations of a coordinate, but for what is common; spread: (3 S, 3 S), what
-    is common to their covariances, in its squares.
+    p: (m,) probabilities of the explanations; mean: (m, 3 S), in standard deviations of a coordinate, but for what is
+    common; spread: (m, 3 S, 3 S), covariances without that of the new readings' noise.
     """
 
+    p: Floats
     mean: Floats
     spread: Floats
 
-    def chosen(self, p: Floats, count: int) -> tuple[list[int], float]:
-        """Return the readings, 0..S-1, that one after the other add most to the information on explanations p (m,), and
-        this, nats."""
-        mean, spread, size = self.mean.copy(), self.spread.copy(), self.mean.shape[1] // 3
+    def chosen(self, count: int) -> tuple[list[int], float]:
+        """Return the readings, 0..S-1, that one after the other add most to the information on the explanations, and
+        this, nats; the mean covariance is taken for all."""
+        p, mean, size = self.p, self.mean.copy(), self.mean.shape[1] // 3
+        spread = np.tensordot(p, self.spread, axes=1)
         square, out, place = np.zeros((len(p), len(p))), list[int](), np.arange(3 * size).reshape(size, 3)
         for _ in range(min(count, size)):
             own = np.linalg.cholesky(spread[place[:, :, None], place[:, None, :]] + np.eye(3))
@@ -77,9 +81,18 @@ class Predictions:
     @property
     def distances(self) -> Floats:
         """The squared distances of the explanations in all readings together, (m, m)."""
-        root = np.linalg.cholesky(self.spread + np.eye(len(self.spread)))
-        z = np.linalg.solve(root, self.mean.T)
-        return np.asarray(np.sum((z[:, :, None] - z[:, None, :])**2, axis=0))
+        every, out = self.spread + np.eye(self.mean.shape[1]), np.zeros((len(self.p), len(self.p)))
+        log_det = np.linalg.slogdet(every)[1]
+        for i, j in combinations(range(len(self.p)), 2):
+            middle, apart = (every[i] + every[j]) / 2, self.mean[i] - self.mean[j]
+            square = apart @ np.linalg.solve(middle, apart)
+            out[i, j] = out[j, i] = square + 4 * np.linalg.slogdet(middle)[1] - 2 * (log_det[i] + log_det[j])
+        return out
+
+    @property
+    def information(self) -> float:
+        """The least information of all readings together on the explanations, nats."""
+        return float(information(self.p, self.distances))
 
 
 def information(p: Floats, square: Floats) -> Floats:
@@ -102,6 +115,11 @@ def members_of(posterior: Posterior, names: tuple[str, ...]) -> list[Member]:
     return [*((family.effect, setting) for family, setting in posterior.places(key)), *[walk] * ('wander' in key[1])]
 
 
+def best_fit(search: RunSearch) -> Fit:
+    """Return the fit of the likeliest explanation of a run."""
+    return search.with_members(search.chosen.members)
+
+
 class Predictor:
     """Predictions of explanations, each the effects of a model and its own members at their settings.
 
@@ -114,7 +132,8 @@ class Predictor:
         known = [(term.effect, setting) for term, setting in zip(fit.model.terms, fit.settings)]
         self._members = [[*known, *some] for some in members]
         self._every = list(dict.fromkeys(one for some in self._members for one in some))
-        self._y = self._space.residual((observed(self.run) - fit.beyond)[None]).ravel() / fit.sigma
+        sigma = best_fit(search).sigma
+        self._y = self._space.residual((observed(self.run) - fit.beyond)[None]).ravel() / sigma
         self._sd = np.sqrt(fit.noise.axes**2 + fit.noise.wander)
 
     def predicted(self, longer: Run) -> Predictions:
@@ -134,15 +153,15 @@ class Predictor:
         later = (every[:, size:] - self._space.continued(every[:, :size], *at)).reshape(len(every), -1)
         gram, product = seen @ seen.T, seen @ self._y
         scale = np.tile(1 / self._sd, longer.size - size)
-        spread = self._space.cofactor_at(*at)
+        spread = np.repeat(self._space.cofactor_at(*at)[None], len(self._members), axis=0)
         mean = np.zeros((len(self._members), len(scale)))
         for k, some in enumerate(self._members):
             if some:
                 mix, amplitude, q = _solved([blocks[one] for one in some], gram, product)
                 rows = mix @ later
                 mean[k] = amplitude @ rows[:len(amplitude)]
-                spread += self.p[k] * rows.T @ q @ rows
-        return Predictions(mean * scale, scale[:, None] * spread * scale)
+                spread[k] += rows.T @ q @ rows
+        return Predictions(self.p, mean * scale, scale[:, None] * spread * scale)
 
 
 def _solved(blocks: Sequence[tuple[slice, list[slice]]], gram: Floats,
@@ -151,7 +170,8 @@ def _solved(blocks: Sequence[tuple[slice, list[slice]]], gram: Floats,
     ones, in sigma, and Q (k, k); blocks: of its members, those of the columns and of the tangents."""
     own = np.concatenate([np.arange(one.start, one.stop) for one, _ in blocks])
     of = np.repeat(np.arange(len(blocks)), [one.stop - one.start for one, _ in blocks])
-    normal, right, prior = gram[np.ix_(own, own)], product[own], np.full(len(own), PRIOR)
+    normal, right = gram[np.ix_(own, own)], product[own]
+    prior = np.full(len(own), _likeliest_size(normal, right))
     for _ in range(ROUNDS):
         q = np.linalg.inv(normal + np.diag(prior**-2))
         amplitude = q @ right
@@ -164,6 +184,14 @@ def _solved(blocks: Sequence[tuple[slice, list[slice]]], gram: Floats,
     every = np.array(mix)
     weight = np.concatenate([prior**-2, np.ones(len(every) - len(own))])
     return every, amplitude, np.linalg.inv(every @ gram @ every.T + np.diag(weight))
+
+
+def _likeliest_size(normal: Floats, right: Floats) -> float:
+    """Return the one of SIZES at which amplitudes with normal equations explain the readings best."""
+    value, vector = np.linalg.eigh(normal)
+    square, value = (vector.T @ right)**2, np.maximum(value, 0)
+    grown = 1 + value * SIZES[:, None]**2
+    return float(SIZES[np.argmax(np.sum(SIZES[:, None]**2 * square / grown - np.log(grown), axis=1))])
 
 
 def _linear(run: Run, effect: Effect, setting: Setting, size: int) -> list[Floats]:
