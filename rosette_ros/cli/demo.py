@@ -19,7 +19,7 @@ from rich.markup import escape
 from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.cli import hidden_demo
-from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, whole
+from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, until, whole
 from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
 from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown, write_machine
@@ -72,6 +72,8 @@ def demo_arguments(parser: ArgumentParser) -> None:
                         'the sealed envelope says which')
     parser.add_argument('--open', action='store_true', help='with --hidden: open the envelope '
                         'at the end (otherwise on a key press, or by rosette envelope RUN)')
+    parser.add_argument('--until', metavar='P', type=until, help='with --hidden: measure on until what is hidden '
+                        'is settled with this probability, such as 0.95, and state what that has saved')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')
     parser.add_argument('--circle', action='store_true', help='calibrate, find what is missing, add it, correct the '
@@ -92,6 +94,8 @@ def run_demo(options: Namespace) -> None:
     """Run the demo."""
     if options.open and options.hidden is None:
         raise InvalidConfig('demo: --open goes with --hidden only; leave it out')
+    if options.until and options.hidden is None:
+        raise InvalidConfig('demo: --until goes with --hidden only; leave it out')
     if options.verification:
         for name, given in (('--hidden', options.hidden is not None), ('--dme', options.dme),
                             ('--circle', options.circle), ('--keep', options.keep)):
@@ -120,9 +124,12 @@ def run_demo(options: Namespace) -> None:
     with demo_cell(out, what, config, options.domain, options.output, options.identity, options.dme) as running:
         if hidden:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
-        log_path = running.calibrate(order, options.seed, 'turning: forward')
+        log_path = running.calibrate(order, options.seed, 'turning: forward', until_probability=options.until)
+        if options.until:
+            hidden_demo.show_saving(out, config, log_path, order, options.seed, options.until)
         if hidden:
-            hidden_demo.show_hidden(out, config, options.hidden, order, log_path, running.seconds, options.open)
+            hidden_demo.show_hidden(out, config, options.hidden, order, log_path, running.seconds, options.open,
+                                    options.until)
         else:
             server = running.server
             show_demo(out, config, log_path, running.seconds,

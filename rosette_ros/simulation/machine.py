@@ -10,6 +10,7 @@ every range checked. Millimetres, micrometres and degrees stand in settings only
 """
 
 import math
+from dataclasses import replace
 from os.path import expanduser
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
@@ -159,6 +160,10 @@ class Machine:
     def time(self) -> float:
         """Simulated time since power-on, at the end of the last reading, s."""
         return self.state.time
+
+    def stand(self, seconds: float) -> None:
+        """Let so much time pass, not below 0, in which nothing moves, s."""
+        self.state = replace(self.state, time=self.state.time + max(seconds, 0.0))
 
     def measure(self, table_position: int, ball: int, approach: int = 1, aim: ArrayLike | None = None,
                 short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None,

@@ -54,6 +54,13 @@ def hopeless_words(found: NextReadings) -> str:
     return f'no reading of this cell separates {pair_words(pair, "from")}'
 
 
+def standing_words(found: NextReadings) -> str:
+    """Return how it stands: 'warm-up or drift, 61 : 39', why no block helps, or what is settled."""
+    if found.is_settled:
+        return contender_words(found.contenders[0])
+    return hopeless_words(found) or open_words(found).removeprefix('settling: ')
+
+
 def next_words(found: NextReadings) -> list[str]:
     """Return what is known, what is in doubt and what the block is for, a sentence each."""
     if found.is_settled:
