@@ -129,6 +129,12 @@ def temperature_words(temperature: Floats) -> str:
     return f'the temperature is {known.min():.2f} to {known.max():.2f} °C; is it in °F or K? give °C'
 
 
+def known_temperatures(run: Run) -> Floats:
+    """Return the temperatures that were measured, °C, of all that states or uses one; none where they cannot be."""
+    known = run.temperature[np.isfinite(run.temperature)]
+    return known[:0] if temperature_words(known) else known
+
+
 def remarks_on_run(run: Run) -> tuple[str, ...]:
     """Return what is wrong with the readings of a table or a log, in words: their temperature; another radius."""
     return (*filter(None, [temperature_words(run.temperature)]), *_remarks_on_radius(run))

@@ -23,10 +23,13 @@ Entry = str | dict[str, float | str]
 
 @dataclass(frozen=True)
 class Term:
-    """An effect in a model with the searched parameters that the user has fixed."""
+    """An effect in a model with the searched parameters that are fixed.
+
+    is_found: whether the search on the run fixed them, so that they are adjusted parameters of a fit all the same."""
 
     effect: Effect
     fixed: Setting = field(default_factory=Setting)
+    is_found: bool = field(default=False, compare=False)
 
     @property
     def name(self) -> str:
