@@ -98,7 +98,7 @@ class Change:
     """What changes when a model is replaced by another on the same run.
 
     cross_validation_before, cross_validation_after: error of the cross-validation, m; curve_change: largest change of
-    each curve, (6,), m and rad; helps, hurts: whether that error falls or rises by more than chance.
+    each curve, (6,), m and rad; helps, hurts: whether that residual falls or rises by more than chance.
     """
 
     before: Fit
@@ -201,7 +201,7 @@ class Summary:
         return in_environment(self.diagnosis.verdict, self.final, self.environment)
 
     def lines(self, tolerances: Mapping[str, float] | None = None) -> tuple[AxisError, ...]:
-        """The six errors in a line each, as modelled now; tolerances: of ranges by curve, m and rad."""
+        """The six error motions in a line each, as modelled now; tolerances: of ranges by curve, m and rad."""
         return fit_lines(self.fit, tolerances, doubt_of(self.verdict))
 
     @cached_property

@@ -149,7 +149,7 @@ def rows_of(digest: Digest, model: Model, identity: Identity | None = None) -> l
     except RosetteError as error:
         rows.append(head(problem=_words(error, path)))
     except Exception as error:  # one log must not end the evaluation of all others; its row tells
-        rows.append(head(problem=f'an error of the program, please report it: {error!r}'))
+        rows.append(head(problem=f'an error of the program, please report it: {one_line(error)}'))
     return rows
 
 

@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
 from rosette_ros import __version__
@@ -16,6 +15,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Floats
 from rosette_ros.io.identity_file import Identity, format_identity
+from rosette_ros.io.reading_checks import known_temperatures
 from rosette_ros.presentation.json_output import CURVE_KEYS, verdict_json
 from rosette_ros.presentation.report.provenance import Source, order_of
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
@@ -68,7 +68,7 @@ COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ('rms_m', _REAL, 'residual under the model, root of the square sum per degree of freedom'),
     ('sigma_m', _REAL, 'standard deviation of a coordinate on which the uncertainties rest'),
     ('dof', _WHOLE, 'degrees of freedom of the residual'),
-    ('lack_of_fit_p', _REAL, 'probability that noise of the repeatability leaves as much; null where not known'),
+    ('lack_of_fit_p', _REAL, 'p-value of the lack-of-fit test; null where not known'),
     ('final_rms_m', _REAL, 'residual with all that the diagnosis names; null where there was none'),
     ('outcome', _TEXT, 'what the run decides about the model; null on plates too large to be judged unasked'),
     ('level', _TEXT, 'good, doubtful or bad; null likewise'),
@@ -83,7 +83,8 @@ COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     *((key, _REALS, f'error motion at the n angles, {key.partition("_")[0]} (VDI/VDE 2617), under the model')
       for key in CURVE_KEYS),
     *((f'U_{key}', _REALS, f'its expanded uncertainty at each angle, k = {COVERAGE_FACTOR}') for key in CURVE_KEYS),
-    *((f'range_{key}', _REAL, 'peak to valley of the curve, the error after ISO 230-7') for key in CURVE_KEYS),
+    *((f'range_{key}', _REAL, 'range of the curve, the synchronous error motion value (ISO 230-7)')
+      for key in CURVE_KEYS),
     *((f'U_range_{key}', _REAL, f'its expanded uncertainty, k = {COVERAGE_FACTOR}') for key in CURVE_KEYS),
     *((f'{prefix}{what}_{axis}_m', _REALS, f'{words} {axis} at the n {places}, in the order of their numbers')
       for what, places in (('plate', 'balls'), ('cmm', 'CMM positions'))
@@ -114,7 +115,7 @@ def evaluation_row(fit: Fit, finding: Finding | None = None, source: Source | No
     finding: None where the run was not diagnosed; source: of the run, None where it comes from no file; identity: in
     place of that of the source."""
     run, motions = fit.run, fit.error_motions
-    known = run.temperature[np.isfinite(run.temperature)]
+    known = known_temperatures(run)
     identity = identity or (source.identity if source else Identity())
     verdict = finding.verdict if finding else None
     in_model = len(fit.effects)

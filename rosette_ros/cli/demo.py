@@ -77,7 +77,7 @@ def demo_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')
     parser.add_argument('--circle', action='store_true', help='calibrate, find what is missing, add it, correct the '
-                        'table, calibrate again: the error falls to the noise')
+                        'table, calibrate again: the residual falls to the noise')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
                         help='draws machine and noise, and the order random (default 1)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, default=(0.0, 0.0, 1.0),
@@ -189,7 +189,7 @@ def go_round(options: Namespace) -> None:
         run, identity, _ = open_identified(before_path)
         before = summarise(run)
         print_verdict(out, verdict_text(before.verdict))
-        section(out, '2', 'add what is missing: the error falls')
+        section(out, '2', 'add what is missing: the residual falls')
         final = before.final
         print_table(out, nested_models(before.ladder))
         section(out, '3', 'correct, and calibrate again')
@@ -228,7 +228,7 @@ def stages(fits: tuple[Fit, Fit, Fit]) -> Table:
         micrometre_column('residual_um', 'residual', [fit.rms for fit in fits]),
         *(column(of_all[0].curve, of_all[0].curve, [1e6 * one.range for one in of_all], partial(fixed, places=2), unit)
           for of_all, unit in zip(zip(*(error_lines(fit.error_motions) for fit in fits)), CURVE_UNITS))),
-        note='Residual: standard deviation of a coordinate; errors: peak to valley.')
+        note='Residual: standard deviation of a coordinate; errors: range.')
 
 
 def conditions(balls: int) -> tuple[dict[str, Any], ...]:

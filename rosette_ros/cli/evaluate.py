@@ -215,7 +215,7 @@ def compare_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', '--columns', '--model')
     parser.add_argument('--ladder', action='store_true',
-                        help='the error of nested models: from the base model on, effect by effect')
+                        help='the residual of nested models: from the base model on, effect by effect')
     parser.add_argument('--noise-picture', metavar='FILE', type=picture_file,
                         help='write the picture of the noise that the report has: quantiles, scatter by axis, ball, '
                         'CMM position and time, correlation of neighbours (.png, .svg or .pdf)')

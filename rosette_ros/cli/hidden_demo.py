@@ -50,7 +50,7 @@ INSTANTS = ('at_h', 'from_h')
 SIZES = {'most': 3, 'smallest_sigma': 2.0}
 """One to three effects of 2 to 30 times the noise: some may still be too small to be named."""
 SURE_SIGMA = 12.0
-"""Norm of the visible part, in sigma, from which an effect should be named."""
+"""Norm of what is not absorbed, in sigma, from which an effect should be named."""
 
 
 def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
@@ -74,7 +74,7 @@ def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_
                                   '--order', order, '--axis', *(f'{one:g}' for one in config.placement.axis),
                                   *(('--until', until) if until else ()))))]))
     if not is_open:
-        out.print('\nThe envelope is shut. To find out what is hidden:')
+        out.print('\nBlind test sealed. To find out what is hidden:')
         for verb in ('compare', 'diagnose', 'envelope'):
             out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
         is_open = sys.stdin.isatty() and out.is_terminal
@@ -127,7 +127,7 @@ def tell(out: Console, log_path: Path, model_path: str | None = None, whole: boo
         show_comparison(out, summary.comparison, summary.verdict)
         section(out, '3', 'diagnose: what is missing?')
         show_diagnosis(out, summary.diagnosis, invisible_effects(summary.diagnosis))
-        section(out, '4', 'add: does the error fall?')
+        section(out, '4', 'add: does the residual fall?')
         print_table(out, nested_models(summary.ladder))
         section(out, '5', 'advise: what to measure next?')
         out.print(advice_words(summary.advice or advise_run(run)))
@@ -173,13 +173,13 @@ def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run,
         ('superfluous', wrong)) if names]
     say(out, f'{who}: {"; ".join(parts)}.', COLOURS['bad' if Level.BAD in levels or wrong else 'good'])
     out.print()
-    print_table(out, Table('hidden', 'What was hidden, and what was found', (
+    print_table(out, Table('hidden', 'Blind test: hidden and found effects', (
         words('kind', 'hidden', kinds),
         words('parameters', 'with', [content(hidden, begin) for hidden in envelope.hidden]),
-        column('strength', 'visible', strengths, sigmas),
+        column('strength', 'not absorbed', strengths, sigmas),
         words('answer', 'answer', [text for text, _ in answers])), levels=tuple(levels)))
-    out.print('visible: size in the readings of what table, plate and CMM cannot cause, in σ of '
-              f'a coordinate; from {SURE_SIGMA:g} σ it should be named\n'
+    out.print('not absorbed: size in the readings of what table, plate and CMM cannot cause, in σ '
+              f'of a coordinate; from {SURE_SIGMA:g} σ it should be named\n'
               'times count from the first reading of the run\n'
               f'sha256 {envelope.digest}, as it was sealed')
 

@@ -43,7 +43,7 @@ GOOD = (Effectiveness.VANISHED, Effectiveness.NOISE, Effectiveness.SAME)
 class CorrectedError:
     """One error before and after a correction; m or rad.
 
-    before, promised, after: peak to valley, as measured before, expected after, and measured after; expanded: U (k = 2)
+    before, promised, after: ranges, as measured before, expected after, and measured after; expanded: U (k = 2)
     of a point of the curve after, with that of the correction; gain, u_gain: the part of the correction that was taken
     off, 1 where all of it was, NaN where the curve is not corrected; p: chance that noise alone leaves as much;
     unchanged: whether noise alone explains how far it is from the one before.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The six errors of a table in a line each (ISO 230-7): range, parts, uncertainty, and conformity to a tolerance."""
+"""Error motions of a table in a line each (ISO 230-7): range, parts, uncertainty, and conformity to a tolerance."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,8 @@ if TYPE_CHECKING:  # what only shows results starts without the least squares
 COVERAGE_FACTOR = 2
 """k of expanded uncertainties, about 95 % (GUM 6.2)."""
 DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where range + U is at most the tolerance, '
-                 'does not conform where range − U is more; otherwise not decidable')
+                 'does not conform where range − U is more; otherwise neither conformity nor non-conformity can be '
+                 'proven (uncertainty range)')
 SURE = 0.5 + 0.5 * math.erf(COVERAGE_FACTOR / math.sqrt(2))
 """Probability from which on it is decided: that of a normal range at the guard band U, 97.7 %."""
 FEWEST_ANGLES = 4
@@ -60,9 +61,9 @@ def doubt_of(verdict: 'Judged | Conclusion | None') -> str:
 class AxisError:
     """One error of a table; m or rad.
 
-    curve, name: after VDI/VDE 2617 and ISO 230-1; range: peak to valley, the synchronous error; u_range: its standard
-    uncertainty; u_point: the largest of a point of the curve; once_per_turn, residual: peak to valley of the
-    fundamental part and of the rest, NaN where the curve has too few points; asynchronous, u_asynchronous: largest
+    curve, name: after VDI/VDE 2617 and ISO 230-1; range: the synchronous error motion value; u_range: its standard
+    uncertainty; u_point: the largest of a point of the curve; once_per_turn, residual: range of the fundamental
+    error motion and of the rest, NaN where the curve has too few points; asynchronous, u_asynchronous: largest
     width of the curves of several runs at one angle, None from one run; tolerance: of the range, or None; doubt: why no
     conformity is stated although there is a tolerance, '' where it is; spread: distribution of the range, None where it
     is normal.

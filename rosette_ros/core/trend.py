@@ -290,7 +290,7 @@ def run_to_run(values: Floats, u: Floats) -> Floats:
 
 
 def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
-    """Return when the range (peak to valley) of curves that runs show since their last change, (m, n), reaches a limit.
+    """Return when the range of curves that runs show since their last change, (m, n), reaches a limit.
 
     A straight line by weighted least squares at each angle; u: (m,) of the range. Range and slope are those of the
     fitted curve from the first run to the last, less (square) what noise leaves there, as it widens every range. The

@@ -74,9 +74,9 @@ class Budget:
     around: Surrounded | None = None
     explained: tuple[tuple[float, Surrounded], ...] = ()
 
-    def combined(self, with_bounds: bool = True, with_hidden: bool = True) -> Floats:
-        """Return the combined standard uncertainty of each point of the curves, (n, 6), m and rad (GUM 5.1.2)."""
-        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if (with_bounds or not one.is_bound) and (
+    def combined(self, with_hidden: bool = True) -> Floats:
+        """Return the combined standard uncertainty of each point, (n, 6), m and rad (GUM 5.1.2); no bound is in it."""
+        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if not one.is_bound and (
             with_hidden or not one.is_hidden))))
 
     @property
@@ -86,9 +86,9 @@ class Budget:
 
     @property
     def error_motions(self) -> ErrorMotions:
-        """The curves with their combined standard uncertainties, bounds left out."""
+        """The curves with their combined standard uncertainties."""
         values = _explained(self.explained)[0] if self.explained else self.fit.error_motions.values
-        return replace(self.fit.error_motions, values=values, u=self.combined(False))
+        return replace(self.fit.error_motions, values=values, u=self.combined())
 
     def lines(self, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
         """Return the AxisErrors of the curves with these uncertainties; tolerances, doubt: as of error_lines.
@@ -114,7 +114,8 @@ class Budget:
 
         The lines of the noise share one estimate of its size, and count as one."""
         noise = sum(one.mean**2 for one in self.contributions if one.is_noise)
-        fourth = noise**2 / self.dof + sum(one.mean**4 / one.dof for one in self.contributions if not one.is_noise)
+        fourth = noise**2 / self.dof + sum(one.mean**4 / one.dof for one in self.contributions
+                                              if not (one.is_noise or one.is_bound))
         whole = np.broadcast_to(fourth, self.mean.shape)
         dof: Floats = np.divide(self.mean**4, whole, out=np.full(self.mean.shape, np.inf), where=whole > 0)
         return dof

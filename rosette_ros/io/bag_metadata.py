@@ -282,7 +282,7 @@ def read_bag_metadata(path: Path) -> BagListing:
     except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
             f'{path}: wanted a rosbag2 description with {TOP_KEY} and relative_file_paths, got '
-            f'{type(error).__name__}; give the .mcap file itself, or delete metadata.yaml') from error
+            'another text; give the .mcap file itself, or delete metadata.yaml') from error
     if storage != 'mcap':
         raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; convert the log with '
                           '`ros2 bag convert`')

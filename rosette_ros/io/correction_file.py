@@ -34,7 +34,7 @@ def format_correction(correction: Correction, table: str = '') -> str:
     if correction.backward is not correction.forward:
         values['backward'] = _lists(correction.backward)
     return ('# Errors of a rotary table at its angles: rad, m (ctx cty ctz), rad (crx cry crz), u standard '
-            'uncertainties.\n# They are what the table does wrong: a controller takes them off.\n'
+            'uncertainties.\n# Deviations actual minus nominal; compensation = -deviation.\n'
             + str(yaml.dump(values, Dumper=PlainDumper, sort_keys=False, width=120, default_flow_style=None)))
 
 
@@ -85,12 +85,12 @@ def correction_csv(correction: Correction, angles: Floats) -> str:
     u = COVERAGE_FACTOR * 1e6 * correction.forward.u.max(axis=0)
     head = (
         f'# errors of a rotary table, run: {correction.run_id}\n'
-        '# sign: what the table does wrong; a controller takes it off (subtracts it)\n'
+        '# sign: deviations actual minus nominal; compensation = -deviation\n'
         '# at angle_deg the body that was turned by it stands at c + (1 + [r]x) R_z p, c = (ctx, cty, ctz), '
         'r = (crx, cry, crz), in the table frame\n'
         '# forward, backward: sense of the last move of the table\n'
         f'# harmonics: up to {correction.harmonics} of the angle\n'
-        f'# U (k = {COVERAGE_FACTOR}) of a point: '
+        f'# U (k = {COVERAGE_FACTOR}) of a single value: '
         + ', '.join(f'{curve} {value:.4g} µ{SI_UNITS[curve]}' for curve, value in zip(CURVES, u))
         + '\n' + '# simulated: the run was measured by the simulated machine\n' * correction.simulated)
     names = [f'{curve}_u{unit}' for curve, unit in SI_UNITS.items()]

@@ -21,6 +21,8 @@ PACES, TEMPERATURES, REPEATABILITIES = (1.0, 3600.0), (5.0, 45.0), (1e-9, 1e-3) 
 RADII = (0.02, 5.0)
 """Circles of ball centres that can be, m."""
 USUAL_PACE = 30.0  # s a ball
+MOST_GAPS = 3
+LONG_GAP = 3000.0, 20.0  # longer within a session, s and paces, is no part of measuring: nearly an hour
 _TIMES = {'µs': 1e-6, 'ms': 1e-3, 'minutes': 60.0, 'hours': 3600.0, 'days': 86400.0, 'ns': 1e-9}
 _LENGTHS = {'m': 1e3, 'inch': 25.4, 'cm': 10.0, 'µm': 1e-3}
 RADIUS = 2e-3  # a radius is wrong that differs by more than this share from the circle of the ball centres
@@ -129,9 +131,24 @@ def temperature_words(temperature: Floats) -> str:
     return f'the temperature is {known.min():.2f} to {known.max():.2f} °C; is it in °F or K? give °C'
 
 
+def known_temperatures(run: Run) -> Floats:
+    """Return the temperatures that were measured, °C, of all that states or uses one; none where they cannot be."""
+    known = run.temperature[np.isfinite(run.temperature)]
+    return known[:0] if temperature_words(known) else known
+
+
 def remarks_on_run(run: Run) -> tuple[str, ...]:
-    """Return what is wrong with the readings of a table or a log, in words: their temperature; another radius."""
-    return (*filter(None, [temperature_words(run.temperature)]), *_remarks_on_radius(run))
+    """Return what is wrong with the readings of a table or a log, in words: temperature, gaps, another radius."""
+    return (*filter(None, [temperature_words(run.temperature)]), *_remarks_on_gaps(run), *_remarks_on_radius(run))
+
+
+def _remarks_on_gaps(run: Run) -> tuple[str, ...]:
+    """Return between which readings too much time lies, pauses that are stated aside, in words."""
+    (least, paces), gap = LONG_GAP, np.diff(run.time)
+    long = np.flatnonzero((gap > max(least, paces * _pace(run.time))) & (np.diff(run.session) == 0))
+    places = ', '.join(f'{one + 1} and {one + 2} ({gap[one] / 60:.0f} min)' for one in long[:MOST_GAPS].tolist())
+    return (f'much time lies between readings {places}; was the clock changed, as to summer time, or the run '
+            'interrupted? Correct the times, or state pauses_before',) if places else ()
 
 
 def _remarks_on_radius(run: Run) -> tuple[str, ...]:

@@ -109,7 +109,7 @@ def answers_of(message: msg.Run) -> RunAnswers:
         for row in zip(*(_column(message, 'answer', name) for name in Answer._fields), strict=True):
             answers.add_answer(Answer(*row))
     except ValueError as error:
-        raise InvalidData(f'run {answers.run_id}: wanted arrays of one length, got others: {error}') from error
+        raise InvalidData(f'run {answers.run_id}: wanted arrays of one length, got others') from error
     answers.frames += filter(None, map(table_frame_of, message.frames))
     return answers
 

@@ -40,8 +40,8 @@ if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.model import Model
 
 CURVE_UNITS = tuple(f'µ{unit}' for unit in SI_UNITS.values())
-P_NOISE, CROSS_VALIDATION, VISIBLE, LIMIT = (
-    'probability that it is noise', 'cross-validation error', 'visible part', 'detection limit')
+P_VALUE, CROSS_VALIDATION, SENSITIVITY, LIMIT = (
+    'p-value', 'cross-validation residual', 'sensitivity', 'detection limit')
 """Terms that every interface uses in the same words."""
 NOW, FOUND = 'as modelled now', 'all explanations averaged'
 """The two models of a run whose verdict says that a cause is missing."""
@@ -50,6 +50,18 @@ _GLUED = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ|→))|(?
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MOST_MISSING = 5
+SEQUENCES = {
+    'row': 'balls within table position', 'diagonal': 'table positions within CMM position',
+    'column': 'table positions within ball', 'random': 'randomised', 'sensitive': 'interleaved sweeps of the table',
+    'there_and_back': 'table positions within CMM position, then backwards',
+    'row_there_and_back': 'balls within table position, then backwards', 'as measured': 'of its own'}
+"""What an order is, as a document says it."""
+
+
+def sequence_words(order: str) -> str:
+    """Return an order, with what follows its name, as a document says it: 'balls within table position (row)'."""
+    name, comma, rest = order.partition(',')
+    return f'{SEQUENCES[name]} ({name}){comma}{rest}' if name in SEQUENCES else order
 
 
 def iso_name(curve: str, rotation: Floats | None) -> str:
@@ -116,7 +128,7 @@ def millimetres(metres: float) -> str:
 
 
 def before_after(before: float, after: float) -> str:
-    """Return how an error changes: '0.541 → 0.103' (µm)."""
+    """Return how a residual changes: '0.541 → 0.103' (µm)."""
     return f'{micro(before)} → {micro(after)}' if math.isfinite(before) or math.isfinite(after) else UNKNOWN
 
 

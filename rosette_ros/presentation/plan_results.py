@@ -118,10 +118,10 @@ def _touches(scheme: Scheme) -> str:
 
 
 def shares(plans: Sequence[Outlook]) -> Table | None:
-    """Return the visible part of each effect in several plans, None where that is not known."""
+    """Return the sensitivity of several plans to each effect, None where that is not known."""
     if not all(one.effects for one in plans):
         return None
-    return Table('shares', 'Visible part of each effect, typical', (
+    return Table('shares', 'Sensitivity to each effect (share not absorbed), typical', (
         words('effect', 'effect', [one.name for one in plans[0].effects]),
         *(column(f'plan_{place}', plan.name, [None if one.reason else one.typical_share for one in plan.effects],
                  lambda share: text.UNKNOWN if share is None else text.percent(share))

@@ -85,7 +85,7 @@ def curves_figure(every: Sequence[Curves], angle: float | None = None) -> Plotly
 
 def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, tolerances: Mapping[str, float],
                  changes: Sequence[tuple[int, int, Collection[str]]]) -> PlotlyFigure:
-    """Return the six errors, (m, 6) with U, over the dates, a trace each with a point a run; tolerances dashed.
+    """Return the six error motions, (m, 6) with U, over the dates, a trace each with a point a run; tolerances dashed.
 
     changes: before and after which run, and in which curves, something has changed; fainter in the other panels."""
     when = [f'{date:%Y-%m-%d %H:%M}' for date in dates]
@@ -97,7 +97,7 @@ def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, to
                      'name': curve, 'showlegend': False, **_axes(place),
                      'hovertemplate': f'%{{x}}<br>%{{y:.3f}} {unit}<extra>{curve}</extra>'})
         _set_panel(layout, place, {'type': 'date', 'nticks': 5}, {'rangemode': 'tozero'},
-                   f'<b>{curve}</b> peak to valley / {unit}')
+                   f'<b>{curve}</b> range / {unit}')
         x, y = (f'{axis}{_number(place)}' for axis in 'xy')
         for begin, end, curves in changes:
             layout['shapes'].append({

@@ -98,7 +98,7 @@ def setting_words(effect: str, setting: Mapping[str, object], without: Container
     for name, value in setting.items():
         if name not in without:
             if moments and name in moments:
-                words.append(f'{name} {between_words(*moments[name])}')
+                words.append(f'{name} between {minutes_words(*moments[name], to="and")}')
                 continue
             scale = scale_of(units.get(name, ''), name)
             senses = _first_senses(value) if name == 'first' and isinstance(value, str) else None
@@ -109,12 +109,12 @@ def setting_words(effect: str, setting: Mapping[str, object], without: Container
     return ', '.join(words)
 
 
-def between_words(low: float, high: float) -> str:
-    """Return between which times, s since the first reading, something lies: 'between 37.4 and 49.7 min'."""
+def minutes_words(low: float, high: float, to: str = 'to') -> str:
+    """Return times, s since the first reading, between which something lies: '37.4 to 49.7 min'."""
     scale = SCALES['s']
     places = max(decimals(scale.factor * (high - low)), 1)
     first, last = (exact(scale.factor * one, places) for one in (low, high))
-    return f'between {first} and {last} {scale.unit}'
+    return f'{first} {to} {last} {scale.unit}'
 
 
 def _first_senses(value: str) -> str:

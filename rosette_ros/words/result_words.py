@@ -53,9 +53,10 @@ def comparison_words(comparison: Comparison) -> str:
     times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
     places = sorted((one for one in comparison.distinct if one.p < UNLIKELY), key=lambda one: one.p)
     where = names([f'along {AXES[int(np.argmax(comparison.axis_rms))]}', *(
-        f'at {one.label} {one.keys[one.worst]}' for one in places[:3])])
-    sign = '' if comparison.neighbour_correlation > 0 else 'negatively '
-    alike = f'; consecutive readings are {sign}correlated' if comparison.neighbour_p < UNLIKELY else ''
+        f'at {one.label} {one.keys[one.worst]}' if one.keys[one.worst].isdigit() else one.keys[one.worst]
+        for one in places[:3])])
+    alike = (f'; autocorrelation (lag 1) {comparison.neighbour_correlation:+.2f}, significant'.replace('-', '−')
+             if comparison.neighbour_p < UNLIKELY else '')
     return f'The residual is {micrometres(comparison.fit.rms)}{times}. It is largest {where}{alike}.'
 
 
@@ -63,7 +64,7 @@ def check_words(check: CrossCheck) -> str:
     """Return what the second run confirms, and how its residual changes."""
     parts = list(map(_checked, check.effects))
     if any(one.outcome == CONFIRMED for one in check.effects):
-        parts.append(f'The residual of this run falls from {micrometres(check.before.rms)} to '
+        parts.append(f'The residual standard deviation of this run falls from {micrometres(check.before.rms)} to '
                      f'{micrometres(check.after.rms)}.')
     if check.carried is not None:
         parts.append('With the amplitudes of the first run and nothing fitted, the residual is '

@@ -23,10 +23,10 @@ from rosette_ros.core.stated_environment import LABORATORY
 from rosette_ros.words.effect_words import (
     MEANINGS,
     SCALES,
-    between_words,
     capital,
     decimals,
     fixed,
+    minutes_words,
     names,
     scale_of,
     setting_words,
@@ -41,15 +41,14 @@ if TYPE_CHECKING:  # plan and info start without the least squares
 HEADLINES = {
     Outcome.FITS: 'THE MODEL FITS', Outcome.NAMED: 'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL',
     Outcome.SUSPECTED: 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL',
-    Outcome.UNNAMED: 'SOMETHING IS MISSING THAT HAS NO NAME', Outcome.SCATTERS: 'THE READINGS SCATTER MORE THAN STATED',
+    Outcome.UNNAMED: 'SYSTEMATIC EFFECT FOUND, CAUSE NOT IDENTIFIED',
+    Outcome.SCATTERS: 'THE READINGS SCATTER MORE THAN STATED',
     Outcome.DOUBTFUL_READINGS: 'THE MODEL FITS, READINGS IN DOUBT',
     Outcome.NOISE: 'THE NOISE IS UNUSUAL',
     Outcome.NO_REPEATABILITY: 'NOT JUDGED, THE REPEATABILITY IS NOT KNOWN',
     Outcome.NOT_DETERMINABLE: 'TOO FEW READINGS FOR THE MODEL'}
 """How an outcome is shown; files and messages have its value."""
 NOTHING_TO_DO = 'Nothing needs to be done.'
-MOST_TITLES = 4
-"""So many effects are said by their titles; of more, how many there are."""
 VARIABLES = {
     'time': 'time', 'table angle': 'the table angle', 'CMM position': 'the CMM position',
     'ball': 'the ball that is measured',
@@ -100,12 +99,6 @@ def titles(every: Iterable[str]) -> str:
     found = list(every)
     return names(f'{title_of(one)}{f" ({found.count(one)} times)" if found.count(one) > 1 else ""}'
                  for one in dict.fromkeys(found))
-
-
-def some_titles(every: Sequence[str]) -> str:
-    """Return effects by their titles, of many the first ones and how many more there are."""
-    more = len(every) - MOST_TITLES
-    return titles(every) if more <= 0 else f'{", ".join(map(title_of, every[:MOST_TITLES]))} and {more} more'
 
 
 def unexplained_words(verdict: Verdict) -> str:
@@ -196,13 +189,13 @@ def _unseen(verdict: Verdict) -> str:
 def missing_words(one: MissingEffect) -> str:
     """Return what is missing as far as it is known: its law; or what moves with what, and the likeliest law; or names.
 
-    'slip of one ball (99 %)', 'the probe moves with time (99 %), most like warm-up of the machine (61 %)'.
+    'slip of one ball (99 %)', 'the probe moves with time (99 %), most likely warm-up of the machine (61 %)'.
     """
     title, cause = title_of(one.name), one.cause
     if cause is None:
         return title
     if one.depth == 1:
-        return f'{moves_words(one)} ({chance(cause.probability)}), most like {laws_words(cause)}'
+        return f'{moves_words(one)} ({chance(cause.probability)}), most likely {laws_words(cause)}'
     number = cause.number('reading') or cause.number('ball')
     place = '' if number is None else f', {"reading" if cause.number("reading") else "ball"} {number}'
     others = ''.join(f', or {title_of(name)} ({chance(p)})' for name, p in one.alternatives if not one.depth)
@@ -270,8 +263,8 @@ def _actions(verdict: Verdict) -> list[str]:
     """Return what to do, most urgent first."""
     out = [f'check the readings: {remark}' for remark in verdict.remarks]
     if verdict.missing:
-        it = 'it' if len(verdict.missing) == 1 else 'them'
-        out.append(f'find {it} in the cell, or add {it} to the model')
+        it, cause = ('it', 'the cause') if len(verdict.missing) == 1 else ('them', 'the causes')
+        out.append(f'eliminate {cause} and repeat the measurement, or include {it} in the evaluation model')
     elif verdict.unnamed:
         out.append('look at the residual maps, and check the cell for what the residual depends on')
     elif verdict.outcome == Outcome.SCATTERS:
@@ -284,11 +277,11 @@ def _actions(verdict: Verdict) -> list[str]:
     if verdict.too_large:
         out.append('measure the repeatability again, and check its unit')
     if verdict.present:
-        out.append('corrected in the calculation; find the cause: ' + names(
+        out.append('compensated numerically; the cause remains to be eliminated: ' + names(
             f'{title_of(name)} ({micrometres(rms)} rms)' for name, rms in verdict.present))
     out += noise_actions(verdict.noise)
     if verdict.not_needed:
-        out.append(f'remove {titles(verdict.not_needed)} from the model: without it the error rises by no more '
+        out.append(f'remove {titles(verdict.not_needed)} from the model: without it the residual rises by no more '
                    'than chance')
     if not verdict.has_motions:
         out.append('add the error motions of the table to the model')
@@ -311,7 +304,7 @@ def _limits(verdict: Verdict) -> list[str]:
     sets = [some for one in verdict.missing if one.cause and one.depth == 1 for some in one.cause.variables]
     out += filter(None, dict.fromkeys(map(_alike_words, sets)))
     if verdict.hidden:
-        out.append(f'This run could not have shown {some_titles(verdict.hidden)}.')
+        out.append(f'This run could not have shown {titles(verdict.hidden)}.')
     return out
 
 
@@ -366,7 +359,9 @@ def _when(one: MissingEffect) -> str:
     out = []
     for name, lead, at in (('t0', '', 'from'), ('t1', 'until ', 'to')):
         if name in one.moments:
-            out.append(f'{lead}{between_words(*one.moments[name])}')
+            when = one.moments[name]
+            out.append(f'{lead}between readings {when.last} and {when.first} '
+                       f'({minutes_words(when.low, when.high)}, {chance(when.probability)})')
         elif name in one.setting:
             out.append(f'{at} {setting_words(one.name, {name: one.setting[name]}).partition(" ")[2]}')
     return ' '.join(out)

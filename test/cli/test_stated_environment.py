@@ -40,7 +40,8 @@ def test_without_an_environment_u_says_what_it_lacks_and_decides_nothing(rosette
     first = ' '.join(told.out.split())
     assert 'The model fits, with U of ' in first and 'without what this order cannot show; ' in first
     assert ' in a laboratory: the residual of' in first
-    assert 'Not decided: no environment is stated, and U lacks what this order cannot show' in first
+    assert ('Neither conformity nor non-conformity is stated: no environment is stated, and U lacks what this order '
+            'cannot show') in first
     found = evaluated(rosette, table, '--identity', limits)
     assert found['environment'] is None
     assert found['iso_230_7']['errors'][2]['conformity'] == 'not decidable'
@@ -126,4 +127,4 @@ def test_a_certificate_states_environment_and_class(rosette, table, tmp_path):
     assert 'laboratory: machine against table 0.3 µm' in said[1] and 'no environment is stated' not in said[1]
     assert 'hidden: ' in said[1] and 'drift test' not in said[0]
     assert 'nor among those of the environment (laboratory)' in said[1]
-    assert 'not decidable' in said[0] and 'conforms' in said[1]
+    assert 'neither proven' in said[0] and 'conforms' in said[1]

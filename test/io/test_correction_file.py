@@ -68,8 +68,8 @@ def test_a_table_for_people_and_programs():
     """Errors as they are, not turned round; the head says so, and what U is."""
     text = correction_csv(BOTH, np.deg2rad([0.0, 45.0, 90.0]))
     head = [line for line in text.splitlines() if line.startswith('#')]
-    assert '# sign: what the table does wrong; a controller takes it off (subtracts it)' in head
-    assert any('U (k = 2) of a point: ctx 0.2 µm' in line for line in head)
+    assert '# sign: deviations actual minus nominal; compensation = -deviation' in head
+    assert any('U (k = 2) of a single value: ctx 0.2 µm' in line for line in head)
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     assert [float(row['crz_urad_forward']) for row in rows] == pytest.approx([0, 7.071068, 10], abs=1e-6)
     assert [float(row['crz_urad_backward']) for row in rows] == pytest.approx([0, -7.071068, -10], abs=1e-6)

@@ -80,7 +80,8 @@ def test_all_missing_effects_are_explained_and_added(opened):
     expect(page.get_by_test_id('verdict-add')).to_contain_text('Add all 2')
     page.get_by_test_id('verdict-add').click()
     expect(page.get_by_test_id('verdict')).to_have_class(re.compile(r'\bgood\b'))
-    expect(page.get_by_test_id('verdict-action')).to_contain_text('Corrected in the calculation; find the cause')
+    expect(page.get_by_test_id('verdict-action')).to_contain_text(
+        'Compensated numerically; the cause remains to be eliminated')
     expect(page.get_by_test_id('size-frame_drift')).to_contain_text('µm/h')
     expect(page.get_by_test_id('size-table_zero_drift')).to_contain_text('µrad/h')
     page.keyboard.press('u')

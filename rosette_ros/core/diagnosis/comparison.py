@@ -89,13 +89,16 @@ class Comparison:
 
     @property
     def distinct(self) -> tuple[Grouping, ...]:
-        """The groupings; one of time and sequence where they differ by a reading at each boundary of parts at most."""
+        """The groupings, parts of the run in words; one of time and sequence where they differ by a reading at each
+        boundary of parts at most."""
         parts = {label: index for label, index, _ in places(self.fit.run)}
         *others, time, sequence = self.groupings
+        times = [f'between {key.replace("-", " min and ")}' for key in time.keys]
+        readings = [f'readings {key.replace("-", " to ")}' for key in sequence.keys]
         if np.count_nonzero(parts['time'] != parts['sequence']) >= len(time.keys):
-            return self.groupings
-        both = [f'{minutes}, readings {numbers}' for minutes, numbers in zip(time.keys, sequence.keys, strict=True)]
-        return (*others, replace(time, label='time, sequence', keys=tuple(both)))
+            return (*others, replace(time, keys=tuple(times)), replace(sequence, keys=tuple(readings)))
+        both = tuple(f'{one} ({some})' for one, some in zip(times, readings, strict=True))
+        return (*others, replace(time, keys=both))
 
 
 def compare(fitted: Fit, seed: int = 0) -> Comparison:

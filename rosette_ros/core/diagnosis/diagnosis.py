@@ -15,7 +15,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.bank import Bank, families_of, why_not_judged
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import Candidate, candidates_of
-from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
+from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of, moments_of
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, Place, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, kinds_beside
@@ -32,6 +32,7 @@ from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
 from rosette_ros.core.model.surroundings import unseen
+from rosette_ros.core.planning.visibility import strongest_first
 from rosette_ros.core.records import Floats, Run, resolution_of
 
 GUARD = 0.05
@@ -104,7 +105,9 @@ class Finding:
     def verdict(self) -> Verdict:
         """The one decision."""
         found = decide(self.fit, self.final, self.missing, self.unnamed, self.claims, self.of_terms, self.doubtful,
-                       self.invisible, self.not_needed)
+                       strongest_first(self.fit.run, self.invisible, self.model.base), self.not_needed,
+                       [moments_of(self.final, place)
+                        for place in range(len(self.fit.effects), len(self.final.effects))])
         return found if found.model_fails else replace(found, unseen=unseen(self.final))
 
     @property
@@ -379,7 +382,8 @@ class RunSearch:
         missing = tuple(dict.fromkeys([*self.absent, *(one.name for one in members)]))
         return Finding(
             self.model, self.start, self._final, missing,
-            tuple(Term(one.family.effect, one.setting) for one in members), tuple(dict.fromkeys(claims)), self.said,
+            tuple(Term(one.family.effect, one.setting, True) for one in members), tuple(dict.fromkeys(claims)),
+            self.said,
             tuple(self._cause_of(one) for one in members),
             tuple(one for one in self.posterior.claims if one not in claims), self._unnamed(), self._invisible(missing),
             self._not_needed(), tuple(Explanation(names, noise, p) for (names, noise), p

@@ -163,7 +163,7 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
         outcome, reason = CONFIRMED, 'it is there'
         if not (p < UNLIKELY / len(pairs) and error_with < error_without):
             outcome = NOT_SEEN
-            reason = ('the cross-validation error does not fall with it' if not error_with < error_without else
+            reason = ('the cross-validation residual does not fall with it' if not error_with < error_without else
                       f'the residual falls with it by no more than chance (p = {p:.2g})')
             if strength < DETECTABLE:
                 outcome, reason = TOO_WEAK, (f'at the size learnt it stands {strength:.1f} sigma above the noise here, '

@@ -4,7 +4,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -121,9 +121,19 @@ class Residual:
         return self.p is not None and self.p < UNLIKELY
 
 
+class Moment(NamedTuple):
+    """Between which times, s since the first reading, and which readings an instant lies, with its probability."""
+
+    low: float
+    high: float
+    last: int
+    first: int
+    probability: float
+
+
 @dataclass(frozen=True)
 class MissingEffect:
-    """What a model lacks: a name, its setting, and between which times, s since the first reading, moments of it lie.
+    """What a model lacks: a name, its setting, and where the moments of it lie.
 
     A base term has no setting, no parameters and no cause; cause: what moves with what, as far as the run tells;
     alternatives: names that the run cannot tell from it, each with its probability; together: the probability that one
@@ -132,7 +142,7 @@ class MissingEffect:
 
     name: str
     setting: Mapping[str, float | str] = field(default_factory=dict)
-    moments: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    moments: Mapping[str, Moment] = field(default_factory=dict)
     cause: 'Cause | None' = None
     alternatives: tuple[tuple[str, float], ...] = ()
     together: float = 1.0
@@ -221,13 +231,13 @@ class Verdict(Judged):
 
     before, after: the residual of the model as given and with all that it lacks; missing: strongest first; unnamed:
     structure without a name; doubtful: names that are likely, but not enough to be said, each with its probability;
-    not_needed: effects of the model that the run does not ask for; hidden: effects that the order cannot show;
-    outliers: readings among the missing; wrong, more_wrong: readings that are far off in the rest, and how many more
-    there are; too_large: stated repeatability over what the readings show, 0 where that is no more than chance;
-    present: effects of the model that are surely there, with their rms, m; noise; step: to which readings are rounded,
-    m, where that is a part of the rest and no kind of noise; remarks: on the readings; has_motions: whether the model
-    has the error motions of the table; reason: why the model cannot be determined, and effects it has beyond its base,
-    `added`.
+    not_needed: effects of the model that the run does not ask for; hidden: effects that the order cannot show, the
+    largest bias on the curves first; outliers: readings among the missing; wrong, more_wrong: readings that are far off
+    in the rest, and how many more there are; too_large: stated repeatability over what the readings show, 0 where that
+    is no more than chance; present: effects of the model that are surely there, with their rms, m; noise; step: to
+    which readings are rounded, m, where that is a part of the rest and no kind of noise; remarks: on the readings;
+    has_motions: whether the model has the error motions of the table; reason: why the model cannot be determined, and
+    effects it has beyond its base, `added`.
     """
 
     outcome: Outcome
@@ -264,17 +274,18 @@ class Verdict(Judged):
 
 def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Sequence[UnnamedMotion] = (),
            claims: Sequence['Claim'] = (), causes: Sequence['Cause'] = (), doubtful: Sequence['Claim'] = (),
-           hidden: Sequence[str] = (), not_needed: Sequence[str] = ()) -> Verdict:
+           hidden: Sequence[str] = (), not_needed: Sequence[str] = (),
+           moments: Sequence[Mapping[str, Moment]] = ()) -> Verdict:
     """Return the Verdict on a model.
 
     fit: of the model as given; final: with all named effects that are claimed, `missing`; claims: what is known of
-    each; causes: the one of each effect that `final` has beyond `fit`; the others as of Verdict.
+    each; causes, moments: of each effect that `final` has beyond `fit`; the others as of Verdict.
     """
     before, after, noise = _residual(fit), _residual(final), noise_facts(final)
     wrong, run = wrong_readings(final), fit.run
     step = resolution_of(run.centre)
     is_rounded = any(remark.startswith(ROUNDED) for remark in run.remarks)
-    lacks = _missing(fit, final, missing, {one.name: one for one in claims}, causes)
+    lacks = _missing(fit, final, missing, {one.name: one for one in claims}, causes, moments)
     if lacks or unnamed:
         surest = max([one.probability for one in lacks] + [one.probability for one in unnamed])
         outcome = (Outcome.SUSPECTED if surest < SURE else
@@ -313,7 +324,8 @@ def _residual(fit: 'Fit') -> Residual:
 
 
 def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
-             claims: Mapping[str, 'Claim'], causes: Sequence['Cause']) -> tuple[MissingEffect, ...]:
+             claims: Mapping[str, 'Claim'], causes: Sequence['Cause'],
+             moments: Sequence[Mapping[str, Moment]]) -> tuple[MissingEffect, ...]:
     """Return what a model lacks: base terms, then effects with their settings, the one that explains most first."""
     if not names:
         return ()
@@ -323,10 +335,10 @@ def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
     errors = [fit.rms] * bool(terms) + nested_rms(final, known)
     errors[0], errors[-1] = fit.rms, final.rms
     out = [MissingEffect(name, before=errors[0], after=errors[1]) for name in terms]
-    for place, ((term, one), cause) in enumerate(zip(found, causes), bool(terms)):
+    for place, ((term, one), cause, when) in enumerate(zip(found, causes, moments or [{}] * len(found)), bool(terms)):
         claim = claims[term.name]
         out.append(MissingEffect(
-            term.name, one.setting, term.effect.moments(final.run, one.setting), cause, claim.alternatives,
+            term.name, one.setting, when, cause, claim.alternatives,
             claim.together, one.parameters, errors[place], errors[place + 1]))
     return tuple(out)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The six errors of several runs in a line each: what they have in common, and how they scatter (ISO 230-7)."""
+"""The six error motions of several runs in a line each: what they have in common, and how they scatter (ISO 230-7)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

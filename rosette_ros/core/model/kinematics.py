@@ -19,7 +19,7 @@ def on_table(points: Floats, angle: Floats, curves: Floats) -> Floats:
 
 
 def axis_tilt(cmm: Floats, lever: float) -> Floats:
-    """Return the tilt of the axis in the frame, (m, 3): the common tilt of the deviations of the CMM, (m, n, 3).
+    """Return the tilt of the axis in the frame, (m, 3): the common tilt of the CMM measurement errors, (m, n, 3).
 
     lever: radius at which they are, m. NaN is left out, at the same positions in all m."""
     known = np.isfinite(cmm[0, :, 2])

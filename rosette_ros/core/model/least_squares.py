@@ -291,9 +291,9 @@ class _Part:
     place: slice
 
     def adjusted(self, *kinds: str) -> list[Searched]:
-        """Return the searched parameters of some kinds that are not fixed."""
-        return [one for one in self.term.effect.searched
-                if one.kind in kinds and one.name in self.setting and one.name not in self.term.fixed]
+        """Return the searched parameters of some kinds that nobody has fixed."""
+        return [one for one in self.term.effect.searched if one.kind in kinds and one.name in self.setting
+                and (self.term.is_found or one.name not in self.term.fixed)]
 
 
 def _parts(run: Run, model: Model, settings: Sequence[Mapping[str, float | str]], space: BaseSpace) -> list[_Part]:

@@ -27,7 +27,7 @@ ALMOST = 0.9
 WHOLE = 0.9
 """Measured share of the cells of its balls from which a run lacks the other balls by plan, not by a break."""
 GOOD_SHARE = 0.3
-"""Visible share from which an order shows an effect well."""
+"""Sensitivity from which an order shows an effect well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class OrderAdvice:
         return visibility(self.run, self.sigma, names=self.names)
 
     def share(self, name: str) -> float:
-        """Return the typical visible share of an effect."""
+        """Return the typical sensitivity to an effect."""
         return self.shares[name].typical_share
 
     @property
@@ -112,8 +112,8 @@ class Advice:
 def planned_run(scheme: Scheme, radius: float, pace: Pace = USUAL_PACE, rotation: Floats | None = None) -> Run:
     """Return a run as it is expected: nominal centres, times of moves and touches, slow warming; rotation: as of Run.
 
-    pace: of the cell. The temperature rises by 0.1 K along half a sine, so that what follows the temperature is not the
-    same as what follows the time.
+    pace: of the cell. The temperature rises by 0.1 K along half a sine, so that temperature and time
+    differ in shape.
     """
     centres = nominal_places(scheme.n, radius, scheme.table_position, scheme.ball)
     time = times_of(scheme, radius, np.where(scheme.touches > 0, scheme.touches, USUAL), pace)

@@ -22,7 +22,7 @@ MOST_ROOM = 5.0
 
 def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, float],
                      events: Sequence[Event], forecasts: Mapping[str, Forecast]) -> Figure:
-    """Return a figure of the six errors (peak to valley), (m, 6) with U, over the dates."""
+    """Return a figure of the ranges of the six error motions, (m, 6) with U, over the dates."""
     made = style.figure(6.0, left=0.088, bottom=0.06, right=0.975, top=0.95, wspace=0.2, hspace=0.42)
     panels = style.panels(made, 3, 2)
     when = date2num(list(dates))
@@ -33,7 +33,7 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
                            label=f'± U (k = {COVERAGE_FACTOR})')
         panel.plot(when, y, color=style.AFTER, linewidth=1.0, marker='o', markersize=2.5, label='error of a run')
         top = float(np.max(y + spread))
-        words = f'{curve}, peak to valley'
+        words = f'{curve}, range'
         if curve in tolerances:
             limit = 1e6 * tolerances[curve]
             if limit > MOST_ROOM * top:
