@@ -223,7 +223,7 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Table axis', text.axis_words(run.rotation)), ('Order', order_of(run, source)),
             ('Start of the log', source.begun if source and source.begun else 'not recorded'),
-            ('Duration', text.run_duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
+            ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
