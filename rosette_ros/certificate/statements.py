@@ -27,7 +27,7 @@ from rosette_ros.core.uncertainty_budget import Budget, budget, probability_of_u
 from rosette_ros.io.budget_file import budget_inputs
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity
-from rosette_ros.io.reading_checks import known_temperatures
+from rosette_ros.io.reading_checks import known_temperatures, radius_words
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, environment_words
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
@@ -267,6 +267,8 @@ def _check_issue(issued: str, ended: str) -> None:
 
 
 def _measured(run: Run, source: Source) -> Measured:
+    if words := radius_words(run.radius):
+        raise InvalidData(f'{run.source}: wanted readings whose unit is sure for a certificate, got: {words}')
     days = (source.begun[:10], source.ended[:10]) if source.begun and source.ended else None
     known = known_temperatures(run)
     degrees = [text.fixed(float(one), 3) for one in (known.min(), known.max())] if known.size else []
@@ -274,7 +276,7 @@ def _measured(run: Run, source: Source) -> Measured:
         ('Run', run.run_id or Path(run.source).name), ('Readings', text.run_size(run)),
         ('Sequence', text.sequence_words(order_of(run, source))), ('Table axis', text.axis_words(run.rotation)),
         ('Recording', f'{source.begun} to {source.ended}, the whole log' if days else ''),
-        ('Duration', text.run_duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
+        ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
         ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not measured'),
         ('Table angles', text.angle_words(run)),
         ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),

@@ -129,7 +129,7 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
     known = found.temperature[np.isfinite(found.temperature)] if found else np.array([])
     return {'run_id': run_id, 'n': n, 'balls': np.unique(found.ball).size if found else n, 'radius_m': radius,
             'phases': phases, 'order': None, 'completeness': found.completeness if found else 0.0,
-            'duration_s': float(np.ptp(found.time)) if found else None, 'pauses': text.pauses(found) if found else '',
+            'duration_s': text.seconds_of(found) if found else None, 'pauses': text.pauses(found) if found else '',
             'temperature_range_C': [float(known.min()), float(known.max())] if known.size else None,
             'repeatability_m': found.repeatability if found else None,
             'repeatability_dof': found.repeatability_dof if found else None,

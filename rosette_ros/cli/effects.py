@@ -188,7 +188,7 @@ def change_file(options: Namespace, action: str, effects: Sequence[str], before:
         out.print(f'\n{head(measured)}')
         out.print(f'[bold]{escape(words)}[/]')
         print_parts(out, () if done is None else (change_errors(done), curve_changes(done),
-                                                  fitted_effects(done.after.effects, 'Effects in the model now')))
+                                                  fitted_effects(done.after, 'Effects in the model now')))
     elif action == ADD:
         out.print('With --run RUN the residual before and after is shown.')
 

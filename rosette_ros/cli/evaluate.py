@@ -131,7 +131,7 @@ def run_evaluate(options: Namespace) -> None:
     print_parts(out, [
         errors(lines, found=found_lines), curves(motions, NOW if found else ''),
         *([curves(found, FOUND)] if found else []), hidden_table(told) if told else None, deviations(fit),
-        fitted_effects(fit.effects, 'Effects in the model'),
+        fitted_effects(fit, 'Effects in the model'),
         pairs([*fit_rows(fit), *([('Environment', environment_words(told.inputs.environment))] if told else [])])])
     if refit:
         print_parts(out, [sphere_table(refit), pairs(sphere_rows(refit))])
@@ -205,7 +205,7 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
     print_parts(out, [
         errors(fit_lines(diagnosis.fit, doubt=doubt_of(diagnosis.verdict)), found=fit_lines(found) if found else ()),
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
-                       'Parameters of the missing effects, all fitted together'),
+                       'Parameters of the missing effects, all fitted together', measured.time_unit),
         explanations(diagnosis).first(NEXT_BEST),
         tables.candidates(others, measured, 'The next best').select(*CANDIDATE_COLUMNS),
         tables.bias(invisible, measured.rotation), pairs(notes) if notes else None])

@@ -63,7 +63,7 @@ GROUPS = {
         'runs': ('evaluate', 'the runs in a folder, with their verdicts'),
         'archive': ('archive', 'many runs of many cells: add, ask, evaluate under another model'),
         'trend': ('archive', 'how a table changes over the runs of an archive; when to calibrate again'),
-        'import': ('data', 'convert a ball-centre table (CSV) to a log'),
+        'import': ('data', 'convert a table of ball centres, ours or another program\'s, to a log'),
         'export': ('data', 'convert a run to a ball-centre table (CSV)'),
         'replay': ('replay', 'publish the messages of a log again, for an evaluator')}}
 """By what one wants to do: verb: (module in rosette_ros.cli, what it does). A new verb is two functions and a line."""

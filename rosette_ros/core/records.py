@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records shared by the whole package: frozen, SI units, array shapes stated once."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -26,10 +27,17 @@ FEWEST_DIGITS = 6
 """So many coordinates that are whole numbers of steps are no chance."""
 ROUNDED = 'readings are rounded to'
 """How a remark on the resolution begins."""
+UNIT_DOUBT = 'a circle of ball centres'
+"""How a remark begins that radius and coordinates may be in another unit."""
 
 _INTEGERS = ('table_position', 'ball', 'approach', 'session')
 _REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel', 'cmm_sense')
 _DERIVED: Any = None  # in place of what was not recorded; never in a record that exists
+
+
+def in_time(unit: str, time: str) -> str:
+    """Return an SI unit with another unit of time (as of Run.time_unit) in place of the second: m/s, m/reading."""
+    return re.sub(r'\bs\b', time, unit)
 
 
 def _freeze(record: object, names: tuple[str, ...], dtype: DTypeLike) -> None:
@@ -128,6 +136,12 @@ class Run:
     def size(self) -> int:
         """N, the number of readings."""
         return self.table_position.size
+
+    @property
+    def time_unit(self) -> str:
+        """The unit of its times: 's', or 'reading' where they count the readings of a table without times."""
+        counted = self.size > 1 and bool(np.all(np.abs(self.time - self.time[0] - np.arange(self.size)) < 1e-6))
+        return 'reading' if counted else 's'
 
     @cached_property
     def balls(self) -> tuple[int, ...]:

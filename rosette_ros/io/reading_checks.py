@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rosette_ros.core.geometry import Floats, wrap
 from rosette_ros.core.number_words import micrometres, significant
-from rosette_ros.core.records import ROUNDED, Run, resolution_of
+from rosette_ros.core.records import ROUNDED, UNIT_DOUBT, Run, resolution_of
 from rosette_ros.io.messages import Answer, Phase, Target
 
 Pairs = Sequence[tuple[Target, Answer]]
@@ -99,15 +99,20 @@ def _remarks_on_units(run: Run, is_timed: bool) -> tuple[str, ...]:
         found.append(f'ball centres are {significant(step, 2)} s apart, {"quicker" if step < 1 else "slower"} than a '
                      f'CMM measures; is time_s in {unit}, which would be {significant(step * _TIMES[unit], 2)} s? give '
                      'seconds; until then effects in time cannot be found')
-    if not RADII[0] <= run.radius <= RADII[1]:
-        likely = [f'{unit} (R = {1e3 * run.radius * factor:.6g} mm)' for unit, factor in _LENGTHS.items()
-                  if 0.05 <= run.radius * factor <= 1]
-        found.append(f'a circle of ball centres of R = {1e3 * run.radius:.6g} mm is none of a plate of balls; are '
-                     f'radius and coordinates in {" or ".join(likely) or "another unit"}? give mm')
     known, (least, most) = run.repeatability, REPEATABILITIES
     if known is not None and not least <= known <= most:
         found.append(f'the stated repeatability is {micrometres(known)}; is it in mm or m? give µm')
     return tuple(found)
+
+
+def radius_words(radius: float) -> str:
+    """Return why a radius, m, is not that of a plate of balls, in words; '' where it may be one."""
+    if RADII[0] <= radius <= RADII[1]:
+        return ''
+    likely = [f'{unit} (R = {1e3 * radius * factor:.6g} mm)' for unit, factor in _LENGTHS.items()
+              if 0.05 <= radius * factor <= 1]
+    return (f'{UNIT_DOUBT} of R = {1e3 * radius:.6g} mm is none of a plate of balls; are radius and coordinates in '
+            f'{" or ".join(likely) or "another unit"}? give mm')
 
 
 def note_on_offset(offset: float) -> tuple[str, ...]:
@@ -138,8 +143,9 @@ def known_temperatures(run: Run) -> Floats:
 
 
 def remarks_on_run(run: Run) -> tuple[str, ...]:
-    """Return what is wrong with the readings of a table or a log, in words: temperature, gaps, another radius."""
-    return (*filter(None, [temperature_words(run.temperature)]), *_remarks_on_gaps(run), *_remarks_on_radius(run))
+    """Return what is wrong with the readings of a table or a log, in words: radius, temperature, gaps."""
+    return (*filter(None, [radius_words(run.radius), temperature_words(run.temperature)]), *_remarks_on_gaps(run),
+            *_remarks_on_radius(run))
 
 
 def _remarks_on_gaps(run: Run) -> tuple[str, ...]:

@@ -150,6 +150,11 @@ def duration(seconds: float) -> str:
     return f'{minutes} min' if minutes < 90 else f'{minutes // 60} h {minutes % 60} min'
 
 
+def seconds_of(run: Run) -> float:
+    """Return the time from the first reading of a run to the last, s; 0 where its times only count readings."""
+    return float(np.ptp(run.time)) if run.time_unit == 's' else 0.0
+
+
 def run_duration(seconds: float) -> str:
     """Return how long the readings of a run took, which is less than its log lasts; '' for one reading."""
     return f'{duration(seconds)} from the first ball of the run to the last' if seconds else ''
@@ -254,7 +259,8 @@ def angle_words(run: Run) -> str:
 
 def pauses(run: Run) -> str:
     """Return the pauses of a run: 'before reading 74 (2 h 10 min)'; '' where there is none."""
-    return ', '.join(f'before reading {first + 1} ({duration(run.time[first] - run.time[first - 1])})'
+    return ', '.join(f'before reading {first + 1}'
+                     + f' ({duration(run.time[first] - run.time[first - 1])})' * (run.time_unit == 's')
                      for first in run.pauses)
 
 

@@ -20,7 +20,7 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.run_functions import around
 from rosette_ros.core.error_summary import fit_lines, peak_to_valley
 from rosette_ros.core.errors import counted
-from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
+from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
@@ -71,7 +71,7 @@ def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -
             axes(comparison), places(comparison), worst_readings(comparison), waves(comparison),
             residuals(fit, summary.final), causes(summary.verdict),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates, summary.run),
-            fitted_effects(summary.final.effects, f'Effects {text.FOUND if found else "in the model"}'),
+            fitted_effects(summary.final, f'Effects {text.FOUND if found else "in the model"}'),
             visibility(summary.visibilities, best.visibilities if best else ()),
             bias(summary.visibilities, summary.run.rotation), *([orders(summary.advice)] if summary.advice else []))
 
@@ -131,8 +131,9 @@ def deviations(fit: Fit) -> Table:
                  f'errors at the probing positions; {EXPANDED}', tuple(columns))
 
 
-def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str) -> Table:
-    """Return the parameters of (name, setting, parameters) of fitted effects."""
+def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str,
+            time: str) -> Table:
+    """Return the parameters of (name, setting, parameters) of fitted effects; time: Run.time_unit."""
     rows = [(name, setting, one, [other.name for other in parameters])
             for name, setting, parameters in fitted for one in text.joined(parameters)]
     shown = [text.shown_parameter(one) for _, _, one, _ in rows]
@@ -145,16 +146,16 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         column('expanded_uncertainty', 'U', [one[1] for one in shown], str),
         words('unit', 'unit', [one[2] for one in shown]),
         words('setting', 'when and where',
-              [text.setting_words(name, setting, known) for name, setting, _, known in rows])),
+              [text.setting_words(name, setting, known, time=time) for name, setting, _, known in rows])),
         note=' '.join(
             [*['Not determined: cannot be told from other parameters of the model.'] * any(
                 not np.isfinite(one.u) for _, _, one, _ in rows),
              *[AMPLITUDE] * any(name.partition('(')[0] not in text.MEANINGS for name, _, _, _ in rows)]))
 
 
-def fitted_effects(every: Iterable[FittedEffect], title: str) -> Table:
+def fitted_effects(fit: Fit, title: str) -> Table:
     """Return the parameters of the effects of a model."""
-    return effects([(one.name, one.setting, one.parameters) for one in every], title)
+    return effects([(one.name, one.setting, one.parameters) for one in fit.effects], title, fit.run.time_unit)
 
 
 def noise_of(fit: Fit) -> tuple[float, str]:
@@ -235,7 +236,7 @@ def reading(fit: Fit, place: int) -> Table:
             ('ball', 'ball', run.ball[place]), ('cmm_position', 'CMM position', run.cmm_position[place]))),
         column('table_angle_deg', 'table angle', [float(np.rad2deg(run.table_angle[place] + run.table_offset))],
                partial(text.fixed, places=2), '°'),
-        column('time_min', 'time', [minutes], partial(text.fixed, places=1), 'min'),
+        *[column('time_min', 'time', [minutes], partial(text.fixed, places=1), 'min')] * (run.time_unit == 's'),
         column('temperature_C', 'temperature', [temperature], partial(text.fixed, places=2), '°C'),
         *(micrometre_column(f'{axis}_um', axis, [size], sign=True) for axis, size in zip(AXES, residual)),
         column('size_sigma', 'residual / rms', [float(np.sqrt(np.mean(residual**2))) / noise_of(fit)[0]],
@@ -340,7 +341,8 @@ def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[st
     parts = ', '.join(f'{name} {value} {spread} {unit}'.strip() for name, value, spread, unit in shown)
     times = text.MEANINGS[effect].moments(run, Setting(setting)) if run and effect in text.MEANINGS else {}
     moments = {name: around(some, float(setting[name])) for name, some in times.items()}
-    searched = text.setting_words(effect, setting, [one.name for one in parameters], moments)
+    searched = text.setting_words(effect, setting, [one.name for one in parameters], moments,
+                                  run.time_unit if run else 's')
     return '; '.join(filter(None, (parts, searched)))
 
 

@@ -3,6 +3,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
+from math import isnan
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.diagnosis.verdict import (
@@ -18,7 +19,7 @@ from rosette_ros.core.diagnosis.verdict import (
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
 from rosette_ros.core.number_words import micrometres, multiple, p_words
-from rosette_ros.core.records import SI_UNITS
+from rosette_ros.core.records import SI_UNITS, UNIT_DOUBT
 from rosette_ros.core.stated_environment import LABORATORY
 from rosette_ros.words.effect_words import (
     MEANINGS,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Parameter
 
 HEADLINES = {
+    Outcome.UNIT: 'NOT JUDGED, THE UNIT OF THE READINGS IS IN DOUBT',
     Outcome.FITS: 'THE MODEL FITS', Outcome.NAMED: 'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL',
     Outcome.SUSPECTED: 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL',
     Outcome.UNNAMED: 'SYSTEMATIC EFFECT FOUND, CAUSE NOT IDENTIFIED',
@@ -152,6 +154,8 @@ def _outcome(verdict: Verdict) -> list[str]:
     basis = [] if before.repeatability is not None else [
         'The repeatability is not known, so this rests on the structure of the residual alone.']
     match verdict.outcome:
+        case Outcome.UNIT:
+            return [f'{capital(remark)}.' for remark in verdict.remarks if remark.startswith(UNIT_DOUBT)]
         case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED if verdict.missing:
             it = 'it' if len(verdict.missing) == 1 else 'them'
             known = '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})'
@@ -243,8 +247,9 @@ def _wrong(verdict: Verdict) -> list[str]:
 
 def _reading(one: WrongReading) -> str:
     scale = SCALES['s']
-    return (f'reading {one.number}, table position {one.table_position}, ball {one.ball}, after '
-            f'{fixed(scale.factor * one.time, 1)} {scale.unit}, {micrometres(one.size)} along {one.axis}')
+    after = '' if isnan(one.time) else f' after {fixed(scale.factor * one.time, 1)} {scale.unit},'
+    return (f'reading {one.number}, table position {one.table_position}, ball {one.ball},{after} '
+            f'{micrometres(one.size)} along {one.axis}')
 
 
 def _against_repeatability(residual: Residual) -> str:
@@ -261,7 +266,7 @@ def _against_repeatability(residual: Residual) -> str:
 
 def _actions(verdict: Verdict) -> list[str]:
     """Return what to do, most urgent first."""
-    out = [f'check the readings: {remark}' for remark in verdict.remarks]
+    out = [f'check the readings: {remark}' for remark in verdict.remarks if not remark.startswith(UNIT_DOUBT)]
     if verdict.missing:
         it, cause = ('it', 'the cause') if len(verdict.missing) == 1 else ('them', 'the causes')
         out.append(f'eliminate {cause} and repeat the measurement, or include {it} in the evaluation model')
@@ -328,7 +333,7 @@ def does_words(one: MissingEffect) -> str:
             who = f'{key} {number}' if number != '0' else f'every {key}'
             verb = f'{who} {"moves" if verb.endswith("moves") else "is off"}'
     sizes = _sizes([part for part in one.parameters if part.name not in setting])
-    rest = setting_words(one.name, setting, SAID_ELSEWHERE)
+    rest = setting_words(one.name, setting, SAID_ELSEWHERE, time=one.time_unit)
     return ' '.join(filter(None, [verb, f'by {sizes}' if sizes else '', _when(one), f'({rest})' if rest else '']))
 
 
@@ -360,8 +365,9 @@ def _when(one: MissingEffect) -> str:
     for name, lead, at in (('t0', '', 'from'), ('t1', 'until ', 'to')):
         if name in one.moments:
             when = one.moments[name]
-            out.append(f'{lead}between readings {when.last} and {when.first} '
-                       f'({minutes_words(when.low, when.high)}, {chance(when.probability)})')
+            times = f'{minutes_words(when.low, when.high)}, ' * (one.time_unit == 's')
+            out.append(f'{lead}between readings {when.last} and {when.first} ({times}{chance(when.probability)})')
         elif name in one.setting:
-            out.append(f'{at} {setting_words(one.name, {name: one.setting[name]}).partition(" ")[2]}')
+            moment = setting_words(one.name, {name: one.setting[name]}, time=one.time_unit)
+            out.append(f'{at} {moment.partition(" ")[2]}')
     return ' '.join(out)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from rosette_ros.core.records import ROUNDED, Floats, Run, resolution_of
+from rosette_ros.core.records import ROUNDED, UNIT_DOUBT, Floats, Run, resolution_of
 from rosette_ros.core.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
@@ -46,6 +46,7 @@ UNEQUAL = 1.3
 class Outcome(StrEnum):
     """What a run decides about a model."""
 
+    UNIT = 'unit of the readings in doubt'
     FITS = 'fits'
     NAMED = 'named effect missing'
     SUSPECTED = 'effect suspected'
@@ -66,7 +67,8 @@ class Level(StrEnum):
 
 
 LEVELS = {
-    Outcome.FITS: Level.GOOD, Outcome.DOUBTFUL_READINGS: Level.DOUBTFUL, Outcome.NAMED: Level.BAD,
+    Outcome.UNIT: Level.DOUBTFUL, Outcome.FITS: Level.GOOD,
+    Outcome.DOUBTFUL_READINGS: Level.DOUBTFUL, Outcome.NAMED: Level.BAD,
     Outcome.SUSPECTED: Level.DOUBTFUL,
     Outcome.UNNAMED: Level.BAD, Outcome.SCATTERS: Level.DOUBTFUL, Outcome.NO_REPEATABILITY: Level.DOUBTFUL,
     Outcome.NOISE: Level.DOUBTFUL, Outcome.NOT_DETERMINABLE: Level.BAD}
@@ -137,8 +139,8 @@ class MissingEffect:
 
     A base term has no setting, no parameters and no cause; cause: what moves with what, as far as the run tells;
     alternatives: names that the run cannot tell from it, each with its probability; together: the probability that one
-    of all these is there; before, after: rms of the residual, m, without it and with
-    it, beside what stands above it."""
+    of all these is there; before, after: rms of the residual, m, without it and with it,
+    beside what stands above it; time_unit: as of Run, that of times in setting and moments."""
 
     name: str
     setting: Mapping[str, float | str] = field(default_factory=dict)
@@ -149,6 +151,7 @@ class MissingEffect:
     parameters: tuple['Parameter', ...] = ()
     before: float = np.nan
     after: float = np.nan
+    time_unit: str = 's'
 
     @property
     def depth(self) -> int:
@@ -187,7 +190,8 @@ class UnnamedMotion(Protocol):
 
 @dataclass(frozen=True)
 class WrongReading:
-    """A reading that is wrong: its number, where it was, s after the first one, and by how much along which axis, m."""
+    """A reading that is wrong: its number, where it was, s after the first one (NaN where times only count readings),
+    and by how much along which axis, m."""
 
     number: int
     table_position: int
@@ -286,7 +290,9 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Seque
     step = resolution_of(run.centre)
     is_rounded = any(remark.startswith(ROUNDED) for remark in run.remarks)
     lacks = _missing(fit, final, missing, {one.name: one for one in claims}, causes, moments)
-    if lacks or unnamed:
+    if any(remark.startswith(UNIT_DOUBT) for remark in run.remarks):
+        outcome = Outcome.UNIT
+    elif lacks or unnamed:
         surest = max([one.probability for one in lacks] + [one.probability for one in unnamed])
         outcome = (Outcome.SUSPECTED if surest < SURE else
                    Outcome.NAMED if any(one.probability >= SURE for one in lacks) else Outcome.UNNAMED)
@@ -339,7 +345,7 @@ def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
         claim = claims[term.name]
         out.append(MissingEffect(
             term.name, one.setting, when, cause, claim.alternatives,
-            claim.together, one.parameters, errors[place], errors[place + 1]))
+            claim.together, one.parameters, errors[place], errors[place + 1], final.run.time_unit))
     return tuple(out)
 
 
@@ -366,7 +372,8 @@ def _too_large(final: 'Fit') -> float:
 
 
 def _reading(run: Run, row: int, size: float, axis: str) -> WrongReading:
-    return WrongReading(row + 1, int(run.table_position[row]), int(run.ball[row]), float(run.time[row] - run.time[0]),
+    return WrongReading(row + 1, int(run.table_position[row]), int(run.ball[row]),
+                        float(run.time[row] - run.time[0]) if run.time_unit == 's' else np.nan,
                         float(size), axis)
 
 

@@ -33,7 +33,7 @@ from rosette_ros.core.model.second_order import (
     turned_plate,
 )
 from rosette_ros.core.number_words import micrometres
-from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run
+from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run, in_time
 
 HIDDEN = 1e-6
 """Visible share below which an effect is taken as hidden altogether (rounding is 1e-15)."""
@@ -443,11 +443,11 @@ def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpa
     refined = iter(u[len(amplitude):])
     out = []
     for part in parts:
-        quantities = part.term.effect.amplitudes(run, part.setting)
-        parameters = [Parameter(quantity.name, float(value), float(error), quantity.unit) for quantity, value, error
-                      in zip(quantities, amplitude[part.place], u[part.place], strict=True)]
+        quantities, time = part.term.effect.amplitudes(run, part.setting), run.time_unit
+        parameters = [Parameter(quantity.name, float(value), float(error), in_time(quantity.unit, time))
+                      for quantity, value, error in zip(quantities, amplitude[part.place], u[part.place], strict=True)]
         parameters += [Parameter(parameter.name, part.setting.number(parameter.name), float(next(refined)),
-                                 parameter.unit) for parameter in part.adjusted(*REFINED)]
+                                 in_time(parameter.unit, time)) for parameter in part.adjusted(*REFINED)]
         out.append(FittedEffect(part.term.name, part.setting, tuple(parameters),
                                 np.tensordot(amplitude[part.place], part.columns, axes=1)))
     return tuple(out)

@@ -4,7 +4,6 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Summary, explanations_of
@@ -230,7 +229,7 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Table axis', text.axis_words(run.rotation)), ('Sequence', text.sequence_words(order_of(run, source))),
             ('Start of the log', source.begun if source and source.begun else 'not recorded'),
-            ('Duration', text.run_duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
+            ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
