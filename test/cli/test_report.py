@@ -133,7 +133,7 @@ def test_a_run_between_the_steps_is_laid_over_along_the_same_axes(rosette, here)
             for degrees, path in zip((0.0, 22.5), paths, strict=True)]
     for one, path in zip(runs, paths, strict=True):
         write_csv(one, path)
-    assert rosette('report', *paths[:1], '-o', 'page.html', '--overlay', paths[1]).code == 0
+    assert rosette('report', *paths[:1], '-o', 'page.html', '--annex', '--overlay', paths[1]).code == 0
     page = (here / 'page.html').read_text(encoding='utf-8')
     assert 'half: measured at other table angles; no differences.' in page
     zero, half = (curves_over(runs[0], one) for one in runs)
