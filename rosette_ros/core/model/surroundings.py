@@ -29,7 +29,9 @@ from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.mixture import Mixture
 from rosette_ros.core.model.least_squares import HIDDEN, REFINED, Fit, observed
+from rosette_ros.core.model.least_squares import fit as fit_of
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
+from rosette_ros.core.scheme import nominal_places
 from rosette_ros.core.stated_environment import KINDS, LABORATORY, Environment, Unseen
 
 EXPECTED = 2.0
@@ -160,6 +162,13 @@ def unseen(fit: Fit, environment: Environment | None = None) -> Unseen | None:
     alone, whole = (COVERAGE_FACTOR * float(one.u[at, curve]) for one in (fit.error_motions, made.error_motions))
     return Unseen(environment.name if environment else '', CURVES[curve], alone, whole,
                   max(shares, key=lambda name: shares[name], default=''), sum(shares.values()))
+
+
+def expected_u(run: Run, sigma: float, environment: Environment) -> Floats:
+    """Return the standard uncertainties of the curves, (n, 6), m and rad, of a run in the order of this one that shows
+    nothing of what may be there; sigma: of a coordinate, m."""
+    places = nominal_places(run.n, run.radius, run.table_position, run.ball)
+    return surrounded(replace(fit_of(run.replace(centre=places)), rms=sigma, sigma=sigma), environment).error_motions.u
 
 
 @lru_cache(maxsize=4)
