@@ -24,7 +24,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.records import ErrorMotions, Floats, Run
 from rosette_ros.core.uncertainty_budget import Budget, budget, probability_of_u, touch_scatter
-from rosette_ros.io.budget_file import budget_inputs
+from rosette_ros.io.budget_file import budget_inputs, environment_of
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity
 from rosette_ros.io.reading_checks import known_temperatures, radius_words
@@ -148,9 +148,6 @@ def state(paths: Sequence[str | Path], inputs: Inputs,
     ask: is told the mandatory data that nobody stated, in words, before anything is calculated."""
     if not inputs.is_joint and not any(map(has_plate, paths)):
         return _of_one(paths[0], inputs, ask)
-    if inputs.budget:
-        raise InvalidData('certificate: wanted inputs of an uncertainty budget with one run of a regular plate only; '
-                          'leave --inputs out')
     return _of_several(paths, inputs, ask)
 
 
@@ -190,12 +187,14 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certif
             if has_plate(path) else _measured(*open_source(path, inputs.run_id))
             for path, (readings, _) in zip(paths, opened, strict=True)]
     days = _complete(identity, runs, ask)
-    result = evaluate_jointly([run for run, _ in opened], inputs.sharing)
+    given = environment_of(inputs.budget)
+    result = evaluate_jointly([run for run, _ in opened], inputs.sharing, given)
     conclusion = conclude(result)
     sets = [CurveSet(one.words, motions, lines, result.sigma_dof) for one, motions, lines in joint_lines(
         result, identity.limits(result.solution.model.runs[0].rotation), doubt_of(conclusion))]
     rows = dict(joint_rows(result))
-    evaluation = tuple((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known'))
+    evaluation = (*((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known')),
+                  ('Environment', environment_words(given)))
     names = tuple(f'{run.name}:' for run in result.solution.model.runs)  # a name stays as it is
     unknown = [f'Cannot be measured by these runs; removed from the curves: {rows["Not determined"]}.', *(
         f'{note if note.startswith(names) else note[0].upper() + note[1:]}.' for note in result.notes)]

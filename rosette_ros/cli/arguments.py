@@ -124,7 +124,7 @@ SHARED: dict[str, dict[str, Any]] = {
                         'show these: radii, form of the balls, lobing of the probe'},
     '--plate': {'metavar': 'FILE', 'help': 'plate file (rosette-plate/1) of balls at other places than an equal pitch; '
                                            '--balls is then the number of table positions'},
-    '--inputs': {'metavar': 'FILE', 'help': 'of one run: what the readings do not tell its uncertainty budget, such as '
+    '--inputs': {'metavar': 'FILE', 'help': 'what the readings do not tell its uncertainty budget, such as '
                  'form of the balls, temperature, alignment (YAML, rosette-budget/1, see config/budget.yaml)'},
     '--environment': {'choices': tuple(CLASSES), 'help': 'how far machine, table and plate may move in a run, so that '
                       'U contains what the order cannot show; numbers of the cell: section environment of --inputs'},

@@ -20,11 +20,10 @@ from rosette_ros.analysis import (
     compare,
     cross_check,
     diagnose,
-    evaluate_jointly,
     judge,
     ladder,
 )
-from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, picture_file, plots
+from rosette_ros.cli.arguments import add_formats, add_shared, picture_file, plots
 from rosette_ros.cli.console import (
     COLOURS,
     console,
@@ -39,7 +38,7 @@ from rosette_ros.cli.console import (
     warn,
 )
 from rosette_ros.cli.data import broken_off, counts_of
-from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
@@ -51,10 +50,8 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.bag_metadata import runs_in
-from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.open_run import is_log, joint_identity, open_readings, open_run
-from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.io.open_run import is_log, joint_identity, open_run
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation import joint_results as results
@@ -97,9 +94,6 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
 def run_evaluate(options: Namespace) -> None:
     """Print the evaluation."""
     if is_joint(options):
-        for name in ('inputs', 'environment'):
-            if getattr(options, name):
-                raise UsageError(f'evaluate: --{name} goes with one RUN only; leave it out')
         evaluate_runs_jointly(options)
         return
     opened, refit = Opened(options, options.run_path[0]), None
@@ -139,9 +133,7 @@ def run_evaluate(options: Namespace) -> None:
 
 def evaluate_runs_jointly(options: Namespace) -> None:
     """Print the joint evaluation of all runs."""
-    declared = read_sharing(options.share, len(options.run_path))
-    columns = read_columns(options.columns)
-    result = evaluate_jointly([open_readings(path, options.run_id, columns) for path in options.run_path], declared)
+    result = joint_result(options)
     identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
     tolerances = identity.limits(result.solution.model.runs[0].rotation)
     if options.json:

@@ -14,6 +14,7 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import ErrorMotions
 from rosette_ros.core.uncertainty_budget import Budget, budget
 from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.io.csv_parser import read_columns
@@ -75,6 +76,12 @@ class Opened:
             return None
         explanations = explanations_of(self.finding, fit) if self.finding and self.inputs.environment else ()
         return budget(fit, self.inputs, doubt=refuted(self.verdict), explanations=explanations)
+
+    @cached_property
+    def motions(self) -> ErrorMotions:
+        """The six curves, with U and, in an environment, the mean over explanations that are stated."""
+        made = self.budget_of(self.fit)
+        return made.error_motions if made else self.fit.error_motions
 
     def begin(self, out: Console) -> None:
         """Print what was measured, and the verdict or, where there is none, what is wrong with the readings."""

@@ -30,6 +30,7 @@ from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
+from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
@@ -70,7 +71,7 @@ def plan_arguments(parser: ArgumentParser) -> None:
                         'the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
-    arguments.add_shared(parser, '--format', '--force')
+    arguments.add_shared(parser, '--inputs', '--environment', '--format', '--force')
     group = arguments.add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several '
                                   'plans what they determine')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
@@ -92,6 +93,8 @@ def add_plan(parser: ArgumentParser, most_balls: int, radius_mm: float | None = 
 
 def run_plan(options: Namespace) -> None:
     """Print the plan, or several plans."""
+    if options.environment and options.order is None and not options.plans:
+        options.plans = [*ORDERS]
     if (options.order is not None) == bool(options.plans):
         raise UsageError('plan: wanted either --order, or plan files and orders to compare')
     if options.format and not options.figures:
@@ -120,9 +123,10 @@ def run_plan(options: Namespace) -> None:
         rotation = axes.axis_rotation(options.axis) if options.axis else None
     except InvalidData as error:
         raise UsageError(f'--axis: {error}') from None
+    environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
     names = [Path(word).name if Path(word).is_file() else word for word in words]
-    plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace, rotation=rotation)
-             for name, one in zip(names, made)]
+    plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace, rotation=rotation,
+                     environment=environment) for name, one in zip(names, made)]
     if options.figures:
         draw(plans, options)
     if options.json:
@@ -217,6 +221,9 @@ def show_comparison(plans: Sequence[Outlook]) -> None:
     out.print()
     for sentence in better(plans):
         out.print(escape(sentence))
+    if plans[0].environment:
+        out.print(escape(f'Least U in the environment {plans[0].environment.name}: '
+                         f'{min(plans, key=lambda one: one.penalty).name}.'))
     if not all(one.effects for one in plans):
         out.print(f'Effects are judged up to {MOST_JUDGED} balls.')
 
@@ -248,7 +255,7 @@ def advise_arguments(parser: ArgumentParser) -> None:
                         f'a cause is settled (default {UNTIL:g})')
     parser.add_argument('--plan', metavar='FILE', help='with --readings: write what was measured, and they, as a plan '
                         'for calibrate --plan, CSV')
-    add_shared(parser, '--model', '--json', '--force')
+    add_shared(parser, '--model', '--inputs', '--environment', '--json', '--force')
 
 
 def run_advise(options: Namespace) -> None:
@@ -261,16 +268,18 @@ def run_advise(options: Namespace) -> None:
     for name in ('until', 'plan', 'model'):
         if getattr(options, name) is not None:
             raise UsageError(f'advise: --{name} goes with --readings only; leave it out')
+    environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
     if options.run_path is not None and planned == (None, None):
         measured = Opened(options).run
         warn(measured)
         with doing('comparing orders'):
-            advice = advise_run(measured, wanted, options.seed)
+            advice = advise_run(measured, wanted, options.seed, environment)
         n, radius, run_id = measured.n, measured.radius, measured.run_id
     elif options.run_path is None and None not in planned:
         n, radius, run_id = options.balls, 1e-3 * options.radius_mm, ''
         with doing('comparing orders'):
-            advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed)
+            advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed,
+                            environment=environment)
     else:
         raise UsageError('advise: wanted either RUN or both --balls and --order')
     if options.json:
@@ -315,7 +324,8 @@ def show_advice(advice: Advice, n: int, radius: float) -> None:
         tables.visibility(advice.present.visibilities, best.visibilities).select(
             'effect', 'typical_visible_fraction', 'detectable_rms_um', 'recommended_order_visible_fraction',
             'recommended_order_detectable_rms_um', 'remark'),
-        tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'travel_time_s', 'duration_s')])
+        tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'U_ct_um', 'U_cr_urad',
+                                     'travel_time_s', 'duration_s')])
     if best.label != advice.present.label:
         turning = () if best.label == best.order else ('--turning', best.turning)
         places = ('--balls-of', ','.join(map(str, advice.balls))) if advice.balls else ()

@@ -9,10 +9,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros import command
-from rosette_ros.analysis import evaluate_jointly, explanations_of
+from rosette_ros.analysis import explanations_of
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
-from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.budget_monte_carlo import MonteCarlo, monte_carlo
@@ -24,9 +24,7 @@ from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation, read_correction
-from rosette_ros.io.csv_parser import read_columns
-from rosette_ros.io.open_run import joint_identity, open_readings
-from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
@@ -48,7 +46,7 @@ def correct_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity')
+    add_shared(parser, '--identity', '--inputs', '--environment')
     parser.add_argument('--for', dest='target', choices=('ros', 'csv', 'linuxcnc'), default='ros',
                         help='ros: rosette-correction/1 (YAML) for table_corrector, verify and the simulated machine; '
                              'csv: a table; linuxcnc: a compensation file, COMP_FILE_TYPE = 1 (default ros)')
@@ -119,9 +117,7 @@ def _correction(options: Namespace, corrected: tuple[str, ...]
                 ) -> tuple[Correction, str, Verdict | None, list[str]]:
     """Return the Correction, the table's serial number, the verdict of one run, and curves of unknown mean reversal."""
     if is_joint(options):
-        columns = read_columns(options.columns)
-        result = evaluate_jointly([open_readings(path, options.run_id, columns) for path in options.run_path],
-                                  read_sharing(options.share, len(options.run_path)))
+        result = joint_result(options)
         identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
         first, runs = result.curves[0][0].name, result.solution.model.runs
         by_sense = {table.sense: motions for table, motions in result.curves if table.name == first}
@@ -137,7 +133,7 @@ def _correction(options: Namespace, corrected: tuple[str, ...]
     if run.table_offset:
         raise UsageError(f'{opened.path}: wanted a run whose table position 1 is at angle 0, got '
                          f'{np.rad2deg(run.table_offset):.6g} deg; with --joint its curves are in the axes of angle 0')
-    motions = opened.fit.error_motions
+    motions = opened.motions
     return (Correction(motions, motions, corrected, run.run_id, run.simulated), opened.identity['table.serial'],
             opened.verdict, [])
 
@@ -153,7 +149,7 @@ def verify_arguments(parser: ArgumentParser) -> None:
         parser.add_argument(when, metavar=when.upper(), help=f'run {when} the correction: log or table')
     parser.add_argument('--correction', metavar='FILE', required=True,
                         help='the correction (rosette correct RUN --for ros)')
-    add_shared(parser, '--model', '--json')
+    add_shared(parser, '--model', '--inputs', '--environment', '--json')
 
 
 def run_verify(options: Namespace) -> int:
@@ -163,7 +159,7 @@ def run_verify(options: Namespace) -> int:
     before, after = (one.fit for one in opened)
     others = [f'{one.path}: is of table {one.identity["table.serial"]}, the correction of table {serial}'
               for one in opened if serial and one.identity['table.serial'] not in ('', serial)]
-    first, second = (fit.error_motions.turned_back(fit.run.table_offset) for fit in (before, after))
+    first, second = (one.motions.turned_back(one.run.table_offset) for one in opened)
     check = check_correction(first, second, correction, others,
                              (backward_share(before.run), backward_share(after.run)))
     code = 0 if check.level is Level.GOOD else NOT_CONFIRMED

@@ -101,14 +101,19 @@ def environment_json(made: Budget | None) -> Json:
     if made is None or made.around is None:
         return {'environment': None}
     around = made.around
-    return {'environment': {
-        'name': around.environment.name,
+    return {'environment': {**(stated_json(around.environment) or {}), 'hidden': [{
+        'effect': name, 'probability': around.there[name], 'share': by_curve(share),
+        'u': by_curve(root_mean(np.sqrt(around.parts[name])))} for name, share in around.shares.items()]}}
+
+
+def stated_json(environment: Environment | None) -> Json | None:
+    """Return what is stated of the environment, SI units, None where nothing is."""
+    return None if environment is None else {
+        'name': environment.name,
         'sizes': {kind: {'value': one.value, 'unit': 'rad' if KINDS[kind].unit == 'urad' else 'm', 'source': one.source}
-                  for kind, one in around.environment.sizes.items()},
+                  for kind, one in environment.sizes.items()},
         'effects': {name: {'value': one.value, 'unit': 'm', 'source': one.source}
-                    for name, one in around.environment.effects.items()},
-        'hidden': [{'effect': name, 'probability': around.there[name], 'share': by_curve(share),
-                    'u': by_curve(root_mean(np.sqrt(around.parts[name])))} for name, share in around.shares.items()]}}
+                    for name, one in environment.effects.items()}}
 
 
 def _digits(u: float) -> int:

@@ -15,6 +15,7 @@ from rosette_ros.core.joint.sharing import ITEMS, PARTS
 from rosette_ros.core.number_words import p_words
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.budget_results import environment_words, stated_json
 from rosette_ros.presentation.error_results import TITLE, errors, errors_json
 from rosette_ros.presentation.json_output import Json, by_curve, motions_json, plain
 from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
@@ -150,6 +151,7 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
             ('Residual', f'{text.micrometres(result.rms)} rms per coordinate{fit}'),
             ('Uncertainty', f'from {text.micrometres(result.sigma)} per coordinate of a ball centre, estimated from '
                             f'{result.sigma_source}'),
+            ('Environment', environment_words(result.environment)),
             ('Known', f'beyond what one run knows: {"; ".join(known)}'),
             ('Not determined', '; '.join(result.knowledge.hidden) or 'nothing')]
 
@@ -177,7 +179,8 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
                    'f': None if test.p is None else test.f, 'used': test.is_used, 'contradicted': test.is_contradicted,
                    'text': test_result(test)} for test in result.tests],
         'unknowns': model.unknowns, 'rank': solution.rank, 'hidden': solution.hidden.shape[1],
-        'hidden_in_curves': solution.hidden_in_curves, 'known': result.knowledge.known,
+        'hidden_in_curves': solution.hidden_in_curves, 'environment': stated_json(result.environment),
+        'known': result.knowledge.known,
         'not_known': result.knowledge.hidden,
         'curves': [{'table': one.name, 'sense': one.sense, **motions_json(motions), 'iso_230_7': errors_json(lines)}
                    for one, motions, lines in every],

@@ -430,6 +430,9 @@ def orders(advice: Advice) -> Table:
         words('order', 'order', [one.label for one in every]), words('mark', '', marks),
         words('worst_effect', 'lowest sensitivity to', [one.worst_effect for one in every]),
         column('worst_share', text.SENSITIVITY, [one.worst for one in every], text.percent),
+        *(column(key, f'U {name}', [2e6 * float(np.linalg.norm(one.u[at])) for one in every if one.u is not None],
+                 lambda value: f'{value:.2g}', unit) for key, name, at, unit in (
+            ('U_ct_um', 'ct', slice(3), 'µm'), ('U_cr_urad', 'cr', slice(3, 6), 'µrad')) if advice.present.environment),
         column('travel_time_s', 'time of moves', [one.travel_time for one in every], text.duration),
         column('duration_s', 'whole run', [one.duration for one in every], text.duration),
         *(column(f'visible_fraction_{name}', name, [one.share(name) for one in every], text.percent)

@@ -14,6 +14,7 @@ from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.number_words import micrometres, multiple, p_words
 from rosette_ros.words.effect_words import capital, names, title_of
 from rosette_ros.words.noise_words import noise_words
+from rosette_ros.words.verdict_words import unseen_words
 
 DOES_NOT_FIT = 'The model does not fit: the residual is more than noise.'
 """Of a model that lacks something, without what it lacks, which a diagnosis names."""
@@ -43,7 +44,8 @@ def conclusion_text(conclusion: Conclusion) -> ConclusionText:
                                'Find out why these differ between the runs.'),
         JointOutcome.UNKNOWN: (f'Whether one model fits cannot be said, as the repeatability is not known; {residual}.',
                                'Measure the repeatability before the run.'),
-        JointOutcome.FITS: (f'{who} fit{s} one model: {residual}.', 'Nothing needs to be done.')}[conclusion.outcome]
+        JointOutcome.FITS: (f'{who} fit{s} one model{unseen_words(conclusion.unseen)}: {residual}.',
+                            'Nothing needs to be done.')}[conclusion.outcome]
     return ConclusionText(conclusion.level, sentence, action)
 
 

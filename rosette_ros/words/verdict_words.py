@@ -20,7 +20,7 @@ from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
 from rosette_ros.core.number_words import micrometres, multiple, p_words
 from rosette_ros.core.records import SI_UNITS, UNIT_DOUBT
-from rosette_ros.core.stated_environment import LABORATORY
+from rosette_ros.core.stated_environment import LABORATORY, Unseen
 from rosette_ros.words.effect_words import (
     MEANINGS,
     SCALES,
@@ -174,12 +174,11 @@ def _outcome(verdict: Verdict) -> list[str]:
                     f'{micrometres(before.rms)} shows no structure.']
         case Outcome.DOUBTFUL_READINGS:
             return [f'The model fits, but there are doubts about the readings: {_against_repeatability(before)}.']
-    return [f'The model fits{_unseen(verdict)}: {_against_repeatability(before)}.']
+    return [f'The model fits{unseen_words(verdict.unseen)}: {_against_repeatability(before)}.']
 
 
-def _unseen(verdict: Verdict) -> str:
+def unseen_words(one: Unseen | None) -> str:
     """Return what U contains of what the order cannot show, as it follows that the model fits."""
-    one = verdict.unseen
     if one is None:
         return ''
     if one.environment:
