@@ -202,7 +202,7 @@ class Posterior:
         heard = [(key, p) for key, p in self.p.items() if p > HEARD]
         for key, p in heard:
             assigned = self._assigned(run, self._places[key], groups, motions)
-            free = [place for place in self._places[key] if not any(place in mine for mine in assigned)]
+            others = [place for place in self._places[key] if not any(place in mine for mine in assigned)]
             for k, mine in enumerate(assigned):
                 if mine:
                     laws[k][_law(mine)] += p
@@ -210,13 +210,12 @@ class Posterior:
                         seen[k][name] += p
                     continue
                 bodies = frozenset[str]().union(*(motions[one].bodies | motions[one].alike for one in groups[k]))
-                other = next((one for one in free if not bodies.isdisjoint(motion_of(run, one).bodies)), None)
-                if other:  # the same body moves, with something else
-                    free.remove(other)
+                for other in [one for one in others if not bodies.isdisjoint(motion_of(run, one).bodies)][:1]:
+                    others.remove(other)  # the same body moves, with something else
                     apart[k].setdefault(tuple(sorted(motion_of(run, other).own)), Counter())[_law([other])] += p
         total = sum(p for _, p in heard)
-        return tuple(self._cause(motions, tuple(group), *rest, total) for group, *rest in zip(
-            groups, laws, seen, apart))
+        return tuple(self._cause(motions, tuple(group), laws[k], seen[k], apart[k], total)
+                     for k, group in enumerate(groups))
 
     @staticmethod
     def _assigned(run: Run, places: Sequence[Place], groups: Sequence[Sequence[Place]],
