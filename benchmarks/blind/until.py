@@ -38,6 +38,8 @@ STEPS = 12, 12, 12, 12, 24, 24
 MOST = 3
 """Runs of n * n readings after which it is given up."""
 STRONG = 9.0, 12.0
+HEAD = ('| machines | blocks | number | settled | wrong then | no block helps | readings, median | beyond the first run '
+        '| h, median of settled |\n|---|---|---|---|---|---|---|---|---|')
 KIND = tuple(name for name in NAMED if name != 'outlier')
 
 
@@ -166,8 +168,28 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def table(records: Sequence[Record]) -> str:
-    """Return the table of both ways as Markdown."""
-    return ''
+    """Return the table of both ways as Markdown, of the machines at which both have ended."""
+    rows = [HEAD]
+    every = {way: {one['name']: one for one in records if one.get('way') == way} for way in ('chosen', 'repeated')}
+    names = sorted(set(every['chosen']) & set(every['repeated']))
+    for what, some in (('all', names), ('in doubt after the first run', [
+            name for name in names if every['chosen'][name]['readings'] > every['chosen'][name]['path'][0][0]
+            or every['chosen'][name]['hopeless']])):
+        medians = []
+        for way, own in every.items():
+            each = [own[name] for name in some]
+            size = [one['readings'] if one['settled'] else np.inf for one in each] or [np.nan]
+            beyond = [one['readings'] - one['path'][0][0] if one['settled'] else np.inf for one in each] or [np.nan]
+            medians.append((float(np.median(size)), float(np.median(beyond))))
+            settled = [one for one in each if one['settled']]
+            wrong, hopeless = sum(not one['right'] for one in settled), sum(one['hopeless'] for one in each)
+            hours = float(np.median([one['hours'] for one in settled] or [np.nan]))
+            rows.append(f'| {what} | {way} | {len(each)} | {len(settled)} | {wrong} | {hopeless} '
+                        f'| {medians[-1][0]:.0f} | {medians[-1][1]:.0f} | {hours:.2f} |')
+        (one, more), (other, others) = medians
+        rows.append(f'| | ratio | | | | | {one / other:.2f} | {more / others if others else np.nan:.2f} | |')
+    slowest = max((one['seconds'] for one in every['chosen'].values()), default=0.0)
+    return '\n'.join([*rows, '', f'A block, the diagnosis before it included, took {slowest:.1f} s at most.'])
 
 
 if __name__ == '__main__':
