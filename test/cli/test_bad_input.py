@@ -157,3 +157,15 @@ def test_a_table_of_the_report_does_not_replace_its_run(refused, make_table, tmp
     before = run.read_bytes()
     assert 'curves.csv: is read by this command' in refused('report', run, '--tables', '.', '--force')
     assert run.read_bytes() == before
+
+
+@pytest.mark.parametrize('verb', ['calibrate', 'demo'])
+@pytest.mark.parametrize('value', ['0.5', '1', '95', 'nan', 'sure'])
+def test_a_probability_that_settles_nothing(refused, verb, value):
+    """Of the run that goes on until it is reached."""
+    assert f"--until: wanted a probability above 0.5 and below 1, got '{value}'" in refused(verb, '--until', value)
+
+
+def test_a_demo_that_hides_nothing_settles_nothing(refused):
+    """As with --open."""
+    assert 'demo: --until goes with --hidden only; leave it out' in refused('demo', '--until', '0.95')
