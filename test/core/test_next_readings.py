@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from dense_space import design
+from dense_space import DenseSpace, design
 from synthetic import synthetic_run
 
 from rosette_ros.core.diagnosis.diagnosis import search_of
@@ -168,6 +168,24 @@ def test_a_sound_run_is_settled():
     wanted = standing(run, uncertainty=0.5 * found.uncertainty)
     assert not wanted.is_settled and wanted.separates is None
     assert open_words(wanted) == f'settling: U is {1e6 * found.uncertainty:.3g} µm'
+
+
+def test_a_block_for_u_is_where_it_falls_most():
+    """A reduced run without doubt: all readings of a block are at one CMM position that was not in use, and U falls as
+    the dense algebra says."""
+    run = synthetic_run(6, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
+    run = run.take(np.isin(run.cmm_position, (1, 2, 3, 5)))
+    before = standing(run)
+    found = next_readings(run, readings=6, uncertainty=0.5 * before.uncertainty)
+    assert found.separates is None and np.unique(found.targets.cmm_position).size == 1
+    assert found.targets.cmm_position[0] in (4, 6) and np.array_equal(np.sort(found.targets.table_position),
+                                                                      np.arange(1, 7))
+    sigma = best_fit(search_of(run, Model())).sigma
+    variance = DenseSpace(continued(run, found.targets, USUAL_PACE), run.radius).curve_cofactor()
+    worst = np.max(variance * np.repeat([1.0, run.radius], 3)**2)
+    assert found.expected_uncertainty == pytest.approx(2 * sigma * np.sqrt(worst), rel=1e-3)
+    assert found.expected_uncertainty < before.uncertainty
+    assert next_words(found)[1].startswith('Lowers U: 6 readings, ')
 
 
 def test_what_no_reading_tells_apart_is_said_at_once(monkeypatch):

@@ -53,7 +53,7 @@ class Way:
 def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[Way]:
     """Yield the ways on which a run may be continued: both senses, narrow and wide steps, with and without a wait, and
     the long way round, which is travel without a reading."""
-    n, last, sense = run.n, int(run.table_position[-1]), _last_sense(run)
+    n, last, sense = run.n, int(run.table_position[-1]), last_sense(run)
     for wait in WAITS:
         seconds = wait * run.size * float(np.median(np.diff(run.time)))
         for count in dict.fromkeys(min(count, n) for count in stops):
@@ -66,7 +66,8 @@ def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[Way]:
                         yield Way(position, np.full(count, -turning), seconds)
 
 
-def _last_sense(run: Run) -> int:
+def last_sense(run: Run) -> int:
+    """Return the sense of the last move of the table in a run."""
     return -1 if run.approach[-1] < 0 else 1
 
 

@@ -17,11 +17,12 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.diagnosis import RunSearch, search_of
 from rosette_ros.core.diagnosis.posterior import HEARD, Posterior
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.planning.block_ways import Way, continued, ways
+from rosette_ros.core.planning.block_ways import NEXT, Way, continued, last_sense, ways
 from rosette_ros.core.planning.predictions import Predictor, best_fit, expected_share, information, members_of
-from rosette_ros.core.records import Ints, Run
+from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.touches import USUAL_PACE, Pace
 
@@ -31,6 +32,8 @@ UNTIL = 0.95
 """Probability from which on an explanation is settled unless another one is asked for."""
 MOST = 10
 """Explanations that a block is chosen by."""
+NOTICED = 1e-9
+"""Share by which a variance has to be lower for another CMM position to be taken."""
 LEAST = 0.05
 """Information of all readings of the best way, nats, below which no block of this cell helps."""
 FINALISTS = 6
@@ -97,7 +100,10 @@ def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, p
     which is given again. Raises as `diagnose`.
     """
     found = standing(run, model, until, uncertainty)
-    return found if found.is_settled else _block(search_of(run, model or Model()), found, readings, pace, refused)
+    if found.is_settled:
+        return found
+    make = _parting if found.separates else _lowering
+    return make(search_of(run, model or Model()), found, readings, pace, refused)
 
 
 def standing(run: Run, model: Model | None = None, until: float = UNTIL,
@@ -110,13 +116,13 @@ def standing(run: Run, model: Model | None = None, until: float = UNTIL,
                         expected_uncertainty=now)
 
 
-def _block(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
-           refused: Sequence[Scheme]) -> NextReadings:
+def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
+             refused: Sequence[Scheme]) -> NextReadings:
     """Return what was found with the block that parts the explanations most."""
     run, pair = search.run, found.separates
-    likely = [one for one in found.contenders if one.probability > HEARD][:MOST]
-    if pair:
-        likely = list(dict.fromkeys((pair.first, pair.second, *likely)))[:MOST]
+    assert pair is not None
+    likely = [pair.first, pair.second, *(one for one in found.contenders if one.probability > HEARD)]
+    likely = list(dict.fromkeys(likely))[:MOST]
     p = np.array([one.probability for one in likely])
     p /= p.sum()
     predictor = Predictor(search, [members_of(search.posterior, one.names) for one in likely], p)
@@ -132,10 +138,44 @@ def _block(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
     if not made:
         return replace(found, is_hopeless=True)
     gain, duration, block, square = max(made, key=lambda one: one[0] / one[1]**HASTE)
-    if pair:
-        i, j = likely.index(pair.first), likely.index(pair.second)
-        pair = replace(pair, expected=expected_share(pair.now, float(square[i, j])))
+    pair = replace(pair, expected=expected_share(pair.now, float(square[0, 1])))
     return replace(found, targets=block, gain=gain, duration=duration, separates=pair)
+
+
+def _lowering(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
+              refused: Sequence[Scheme]) -> NextReadings:
+    """Return what was found with the block that lowers U most: readings at some CMM positions, round the table."""
+    run, fit, block, best = search.run, best_fit(search), None, np.inf
+    while block is None or block.ball.size < readings:
+        at, (block, best) = block, (None, np.inf)
+        for spot in range(1, run.n + 1):
+            some = _round(run, spot, at, readings)
+            if some is not None and not any(same(some, one) for one in refused):
+                longer = continued(run, some, pace)
+                variance = BaseSpace(longer, fit.mean_radius).curve_cofactor() * _lever(fit)**2
+                if variance.mean() < best * (1 - NOTICED):
+                    block, best, worst = some, float(variance.mean()), float(variance.max())
+        if block is None:
+            return replace(found, is_hopeless=True)
+    duration = float(continued(run, block, pace).time[-1] - run.time[-1])
+    return replace(found, targets=block, duration=duration, expected_uncertainty=2 * fit.sigma * worst**0.5)
+
+
+def _round(run: Run, spot: int, before: Scheme | None, readings: int) -> Scheme | None:
+    """Return a block with readings at a CMM position more, at each table position, as far as there are balls; None
+    where there are none.
+
+    before: the block so far; readings: most in the block."""
+    last = int((before.table_position if before else run.table_position)[-1])
+    sense = last_sense(run)
+    position = (last - 1 + sense * np.arange(1, run.n + 1)) % run.n + 1
+    ball = (spot - position) % run.n + 1
+    used = np.isin(ball, run.balls)
+    position, ball = position[used], ball[used]
+    if before:
+        position, ball = (np.concatenate(one) for one in ((before.table_position, position), (before.ball, ball)))
+    size = min(position.size, readings)
+    return Scheme(run.n, NEXT, 0, position[:size], ball[:size], np.full(size, sense), table_offset=run.table_offset)
 
 
 def _guessed(predictor: Predictor, way: Way, readings: int, pace: Pace) -> tuple[float, Scheme, float]:
@@ -181,7 +221,12 @@ def in_doubt(contenders: Sequence[Contender], until: float) -> Separation | None
 
 def expanded(fit: Fit) -> float:
     """Return U (k = 2) of the worst point of the curves, m, tilts and turns at the ball circle."""
-    return float(2 * np.max(fit.error_motions.u * np.repeat([1.0, fit.mean_radius], 3)))
+    return float(2 * np.max(fit.error_motions.u * _lever(fit)))
+
+
+def _lever(fit: Fit) -> Floats:
+    """Return by what each curve is a length at the ball circle, (6,)."""
+    return np.repeat([1.0, fit.mean_radius], 3)
 
 
 def same(one: Scheme, other: Scheme) -> bool:
