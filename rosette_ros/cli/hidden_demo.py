@@ -31,7 +31,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.planning.next_readings import BLOCK, next_readings
+from rosette_ros.core.planning.next_readings import BLOCK, standing
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme, plan
 from rosette_ros.io.log_reader import read_log
@@ -102,7 +102,7 @@ def show_saving(out: Console, config: MachineConfig, log_path: Path, order: str,
     again = Machine(config).run(replace(scheme, **twice))
     with out.status('the same order, once more'):
         last = next((count for count in range(size, 2 * size + 1, BLOCK)
-                     if next_readings(again.take(np.arange(count)), until=until).is_settled), None)
+                     if standing(again.take(np.arange(count)), until=until).is_settled), None)
     how = f'does not settle it in {size} more' if last is None else f'settles it after {last - size} more'
     out.print(f'The same order repeated {how} ({duration(again.time[(last or 2 * size) - 1] - again.time[size - 1])}).')
 

@@ -298,7 +298,7 @@ class Sequencer(ManagedNode):
         for command in commands:
             match command:
                 case to.Ask(target, wait):
-                    self.after(0.0 if self.has_simulated_time else wait, partial(self._ask, job, target))
+                    self.after(0.0 if not wait or self.has_simulated_time else wait, partial(self._ask, job, target))
                 case to.Locate(frame, stamp_ns):
                     # In a run that is resumed: when its alignment found the frame, should the old log lack that.
                     stamp = conversions.time_message(job.located_ns or stamp_ns)

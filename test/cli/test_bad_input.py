@@ -181,3 +181,15 @@ def test_an_error_is_said_without_names_of_python(refused, make_table, tmp_path,
     line = refused('info', tmp_path) if name == 'metadata.yaml' else refused(
         'evaluate', make_table(), '--model', tmp_path / name)
     assert words in line and not PYTHON.search(line), line
+
+
+@pytest.mark.parametrize('verb', ['calibrate', 'demo'])
+@pytest.mark.parametrize('value', ['0.5', '1', '95', 'nan', 'sure'])
+def test_a_probability_that_settles_nothing(refused, verb, value):
+    """Of the run that goes on until it is reached."""
+    assert f"--until: wanted a probability above 0.5 and below 1, got '{value}'" in refused(verb, '--until', value)
+
+
+def test_a_demo_that_hides_nothing_settles_nothing(refused):
+    """As with --open."""
+    assert 'demo: --until goes with --hidden only; leave it out' in refused('demo', '--until', '0.95')

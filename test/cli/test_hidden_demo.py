@@ -31,7 +31,7 @@ def shown(tmp_path_factory, module_domain_id):
     """Run the demo once; return what it printed and the folder of its log."""
     runs = tmp_path_factory.mktemp('hidden') / 'runs'
     out = []
-    demo = ['demo', '--hidden', SEED, '--balls', BALLS, '-o', runs, '--domain', module_domain_id]
+    demo = ['demo', '--hidden', SEED, '--balls', BALLS, '-o', runs, '--domain', module_domain_id, '--until', 0.95]
     for words in (demo, ['envelope', '--all']):
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             assert main([*map(str, words), *(map(str, runs.iterdir()) if out else ())]) == 0
@@ -50,6 +50,17 @@ def test_the_envelope_stays_shut_until_it_is_asked_for(shown):
     for verb in ('compare', 'diagnose', 'envelope'):
         assert re.search(rf'^  \S*rosette {verb} {re.escape(str(log))}$', out, re.MULTILINE)
     assert f'sha256 {open_envelope(log / "envelope.json").digest}' in out
+
+
+def test_the_cell_measures_on_until_the_cause_is_settled(shown):
+    """What was added is told, in readings and time, beside the same order once more where there is anything to save."""
+    out, _, log = shown
+    settled = read_log(log).states[-1].text.removeprefix('error motions are published; ')
+    assert settled.startswith('settled: ')
+    added, text = read_log(log).to_run().size - BALLS**2, ' '.join(out.split())
+    assert (f'After the {BALLS**2} readings of the plan, none was added: {settled}' if not added else
+            f'After the {BALLS**2} readings of the plan, {added} were added (') in text
+    assert bool(added) == ('The same order repeated ' in text)
 
 
 def test_a_key_opens_the_envelope_and_another_leaves_it_shut(tmp_path, module_domain_id):

@@ -24,10 +24,10 @@ from rosette_ros.nodes.conversions import target_message
 
 pytestmark = pytest.mark.long
 
-N, MOST = 6, 24
+N, MOST = 6, 12
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
-GOAL = {'order': 'row', 'until_probability': 0.95, 'until_uncertainty': 1e-9, 'most_readings': MOST}
-"""A U that no run reaches: blocks are added up to the limit, whatever is settled."""
+GOAL = {'order': 'row', 'until_probability': 1 - 1e-9, 'most_readings': MOST}
+"""A probability that no run reaches: readings are added up to the limit, or until none helps."""
 ASKING = 'asking the evaluator'
 
 
@@ -49,9 +49,11 @@ def outcome(cell, module_domain_id):
 
 
 def decided(log):
-    """Return the texts of the events about what was added, and the readings added in the end."""
+    """Return the texts of the events about what was added, and the readings added in the end, at least one."""
     events = [one for one in log.events if one.kind == CalibrationEvent.EXTENDED]
-    return [one.text for one in events], yaml.safe_load(events[-1].settings)['added'].split(', ')
+    added = yaml.safe_load(events[-1].settings)['added'].split(', ')
+    assert 0 < len(added) <= MOST
+    return [one.text for one in events], added
 
 
 def readings(run):
@@ -66,16 +68,17 @@ def test_one_run_grows_block_by_block(outcome):
     log = read_log(result.log)
     texts_of_events, added = decided(log)
     assert log.problems == () and log.run_ids == (result.run_id,)
-    assert log.to_run().size == N * N + len(added) and len(added) == MOST
+    assert log.to_run().size == N * N + len(added)
     assert [text.partition(':')[0] for text in texts_of_events] == ['settling'] * (len(texts_of_events) - 1) + [
         'not settled']
     assert result.message.endswith(texts_of_events[-1])
-    assert f'after as many readings as are to be added ({len(added)})' in result.message
+    if len(added) == MOST:
+        assert f'after as many readings as are to be added ({MOST})' in result.message
     (run,) = log.runs.values()
     assert [f'{i} {j}' for i, j in readings(run)[N * N:]] == [' '.join(row.split()[:2]) for row in added]
     assert [one.seq for one in run.targets] == list(range(1, len(run.targets) + 1))
     assert run.targets[-1].phase == Phase.DRIFT_CHECK
-    assert any(text.startswith('settling: ') and f'; run {N * N + 1} of {N * N + 12}: ' in text for text in texts)
+    assert any(text.startswith('settling: ') and f'; run {N * N + 1} of ' in text for text in texts)
     assert any(text.startswith(ASKING) for text in texts)
 
 
@@ -106,11 +109,10 @@ def completed(calibrate):
 @pytest.mark.parametrize('name', MODULES)
 def test_a_node_is_killed_while_a_block_is_asked(cell, module_domain_id, name, domain_id, capsys):
     """Nothing is lost, the run ends as it would have, and its log gives the same blocks again."""
-    killed, asked = [], []
+    killed = []
 
     def look(progress):
-        asked.append(progress.text.startswith(ASKING))
-        if sum(one and not before for one, before in zip(asked, [False, *asked])) == 2 and asked[-1] and not killed:
+        if progress.text.startswith(ASKING) and not killed:
             killed.append(progress.done)
             cell.processes[name].popen.send_signal(signal.SIGKILL)
             cell.processes[name].popen.wait(60)
@@ -129,7 +131,7 @@ def test_a_node_is_killed_while_a_block_is_asked(cell, module_domain_id, name, d
     assert killed and outcome.success, outcome.message
     log = read_log(outcome.log)
     _, added = decided(log)
-    assert log.problems == () and len(added) == MOST
+    assert log.problems == ()
     assert len(readings(log.runs[run_id])) == N * N + len(added)
     assert {one.seq for one in log.answers} == set(range(1, 3 + 2 * N + N * N + len(added) + 2))
     assert main(['replay', str(outcome.log), '--domain', str(domain_id)]) == 0

@@ -21,7 +21,8 @@ class Rig:
     def __init__(self, refused=(), **response):
         """Take the balls that the CMM refuses, and what the evaluator answers otherwise."""
         self.refused, self.response, self.requests, self.heard = refused, response, [], []
-        node = SimpleNamespace(create_client=lambda kind, name: name)
+        self.client = SimpleNamespace(service_is_ready=lambda: False)
+        node = SimpleNamespace(create_client=lambda kind, name: self.client)
         self.block = NextBlock(node, self, self)
         made = plan(3)
         self.sequence = SimpleNamespace(
@@ -101,3 +102,12 @@ def test_an_answer_for_a_run_that_is_over_is_none_for_the_next():
     rig, other = Rig(), Rig()
     rig.block.ask(rig.sequence, 'hash', 12)
     assert rig.block.tick(other.sequence, 1.0) == () and rig.heard == other.heard == []
+
+
+def test_an_evaluator_that_does_not_offer_it_is_refused_before_the_run():
+    """In words; a run that does not go on needs none."""
+    rig = Rig()
+    with pytest.raises(CellError, match='until: wanted an evaluator with the service evaluator/next_readings'):
+        rig.block.refuse_none(rig.sequence)
+    rig.sequence.until = None
+    rig.block.refuse_none(rig.sequence)
