@@ -183,6 +183,9 @@ def load(module: str, what: str) -> ModuleType:
     """Import what only some commands need; raise UsageError for `what`, naming the package, where one is missing."""
     os.environ['MATPLOTLIBRC'] = os.devnull  # matplotlib cannot be imported where it cannot read that of the user
     try:
+        if os.path.exists('matplotlibrc') and 'matplotlib' not in sys.modules:  # that of this folder comes before it
+            with contextlib.suppress(ModuleNotFoundError), contextlib.chdir('/'):
+                importlib.import_module('matplotlib')
         return importlib.import_module(module)
     except RosetteError:
         raise

@@ -148,7 +148,9 @@ def show_info(facts: dict[str, Any]) -> None:
     if facts['messages'] is not None:
         rows.append(('Files', escape(', '.join(Path(file).name for file in facts['files']))))
         start, end = facts['start_ns'], facts['end_ns']
-        long = f', {text.duration(1e-9 * (end - start))}, no date' if facts['messages'] else ''
+        is_counted = facts['runs'] and not any(one['duration_s'] for one in facts['runs'])
+        long = (', no times' if is_counted else f', {text.duration(1e-9 * (end - start))}, no date'
+                if facts['messages'] else '')
         times = f', {text.instant(start)} to {text.instant(end)}' if text.instant(start) else long
         rows.append(('Messages', f'{facts["messages"]} in {len(topics)} topics{times}'))
     if facts['resumes']:

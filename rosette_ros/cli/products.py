@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What follows from a run: a correction, whether it did what it promised, the uncertainty budget."""
 
+import re
+import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
@@ -23,7 +25,8 @@ from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
-from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation, read_correction
+from rosette_ros.io.controller_tables import OF_A_TURN, Axis, linuxcnc
+from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.io.touch_log import refit_if_touched
@@ -35,10 +38,10 @@ from rosette_ros.words.verdict_words import verdict_text
 NOT_CONFIRMED = 1
 """Exit code; 0 where the correction did what it promised."""
 FEWEST_TRIALS, MOST_TRIALS = 100, 1_000_000
-STEPS = {'csv': 5.0, 'linuxcnc': 2.0}
+STEPS = {'csv': 5.0, 'linuxcnc': 2.0, **dict.fromkeys(OF_A_TURN, 5.0)}
 """Default distance of the lines of a table, deg."""
 MOST_LINES = 100_000
-"""Lines of a table; LinuxCNC reads fewer."""
+"""Lines of a table; controllers read fewer."""
 
 
 def correct_arguments(parser: ArgumentParser) -> None:
@@ -47,30 +50,46 @@ def correct_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
     add_shared(parser, '--identity', '--inputs', '--environment')
-    parser.add_argument('--for', dest='target', choices=('ros', 'csv', 'linuxcnc'), default='ros',
+    parser.add_argument('--for', dest='target', choices=('ros', *STEPS), default='ros',
                         help='ros: rosette-correction/1 (YAML) for table_corrector, verify and the simulated machine; '
-                             'csv: a table; linuxcnc: a compensation file, COMP_FILE_TYPE = 1 (default ros)')
+                             'csv: a table; linuxcnc: a compensation file, COMP_FILE_TYPE = 1; sinumerik-enc, '
+                             'sinumerik-cec, heidenhain (.COM), fanuc (pitch errors): tables of controllers '
+                             '(default ros)')
     parser.add_argument('-o', '--output', metavar='FILE', required=True, help='file to write')
     parser.add_argument('--curves', metavar='LIST', help='which errors are taken off, such as crz,ctz (default: all '
-                        'six; for linuxcnc crz, since it turns the table only)')
+                        'six; for a controller crz, since it turns the table only)')
     parser.add_argument('--step', metavar='DEG', type=positive('deg'),
-                        help='distance of the lines of a table (default 5 for csv, 2 for linuxcnc)')
+                        help='distance of the lines of a table (default 5; 2 for linuxcnc)')
     parser.add_argument('--range', metavar=('MIN', 'MAX'), nargs=2, type=float,
                         help='angles of the table, deg; for linuxcnc MIN_LIMIT and MAX_LIMIT of the axis '
                              '(default 0 360)')
+    parser.add_argument('--axis', metavar='NAME', help="the controller's axis (default C); C': of ISO 841, a table "
+                        'that carries the workpiece, which counts clockwise')
+    parser.add_argument('--sign', choices=('1', '-1'), help='sense in which the axis counts: 1 counter-clockwise seen '
+                        "from above (default; with C' -1)")
+    parser.add_argument('--zero', metavar='DEG', type=float, help='where the axis is at table angle 0 (default 0)')
+    parser.add_argument('--detection-unit', metavar='DEG', type=positive('deg'), help='of fanuc (default 0.0001)')
     add_shared(parser, '--force')
 
 
 def run_correct(options: Namespace) -> None:
     """Write the file and say what is in it."""
-    corrected = CURVES if options.target != 'linuxcnc' else ('crz',)
+    is_controller = options.target not in ('ros', 'csv')
+    corrected = ('crz',) if is_controller else CURVES
     if options.curves is not None:
         corrected = tuple(options.curves.split(','))
     if [one for one in corrected if one not in CURVES]:
         raise UsageError(f'--curves: wanted some of {",".join(CURVES)}, got {options.curves!r}')
-    if options.target == 'ros' and (options.step or options.range):
-        raise UsageError(f'correct: --{"step" if options.step else "range"} goes with --for csv or linuxcnc only; '
-                         'leave it out')
+    for name, targets in (('step', [*STEPS]), ('range', ['csv', 'linuxcnc']), ('detection_unit', ['fanuc']),
+                          *((one, [*STEPS][1:]) for one in ('axis', 'sign', 'zero'))):
+        if getattr(options, name) is not None and options.target not in targets:
+            raise UsageError(f'correct: --{name.replace("_", "-")} goes with --for {", ".join(targets)} only; leave '
+                             'it out')
+    axis = options.axis or 'C'
+    if not re.fullmatch(r"[A-Za-z]\w*'?", axis):
+        raise UsageError(f'--axis: wanted the name of an axis such as C, C1 or C\', got {axis!r}')
+    controller = Axis(axis.rstrip("'"), int(options.sign or (-1 if axis.endswith("'") else 1)), options.zero or 0.0,
+                      options.detection_unit or 1e-4)
     if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
         raise UsageError(f'--output: wanted a name for YAML with --for ros, got {options.output!r}; --for csv writes a '
                          'table')
@@ -83,8 +102,11 @@ def run_correct(options: Namespace) -> None:
                          f'--step {step:g}; take a larger --step or a smaller --range')
     refuse_output(options.output, options.force)
     correction, table, verdict, unknown = _correction(options, corrected)
+    notes: list[str] = []
     if options.target == 'linuxcnc':
-        text = linuxcnc_compensation(correction, low, high, step)
+        text, notes = linuxcnc(correction, low, high, step, controller)
+    elif is_controller:
+        text, notes = OF_A_TURN[options.target](correction, step, controller)
     elif options.target == 'csv':
         text = correction_csv(correction, np.deg2rad(np.append(np.arange(low, high - 1e-9, step), high)))
     else:
@@ -105,7 +127,10 @@ def run_correct(options: Namespace) -> None:
                   for kind, unit in (('ct', 'm'), ('cr', 'rad')))
         lines.append(f'Straight lines between the angles of the table miss {", ".join(corrected)} by at most '
                      f'{" and ".join(_in_unit(size, unit) for size, unit in missed if size is not None)}.')
-    lines.append(f'File: {options.output}')
+    if is_controller:
+        sign = '+' if controller.sign > 0 else '−'
+        lines.append(f'Axis: {controller.name} = {controller.zero:g}° {sign} table angle (--zero, --sign).')
+    lines += [*notes, f'File: {options.output}']
     if options.target == 'ros':
         lines.append('After a run with the correction, whether it did what it promised:\n  '
                      + command('verify', options.run_path[0], 'AFTER', '--correction', options.output,

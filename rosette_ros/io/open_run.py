@@ -2,7 +2,6 @@
 """RUN as the command line knows it: a log directory, an .mcap file or a CSV table, which may have a plate file."""
 
 import re
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,16 +23,6 @@ from rosette_ros.io.text_file import reading
 WANTED = 'a log directory, an .mcap file or a CSV table'
 _PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
 _HEAD = 1 << 16
-_OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
-           b'#ROSBAG V': 'is a bag of ROS 1; wanted MCAP: convert it with `rosbags-convert --src BAG --dst FOLDER '
-                         '--dst-storage mcap` (pip install rosbags)',
-           b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it'}
-_PACKED = b'\x28\xb5\x2f\xfd'  # zstd
-_UNPACK = ((b'\x1f\x8b', 0, 'gzip -dk'), (b'\xfd7zXZ\0', 0, 'xz -dk'), (b'BZh', 0, 'bzip2 -dk'),
-           (b'ustar', 257, 'tar -xf'))
-"""What stands in a packed file, at which byte, and what unpacks it."""
-
-
 def is_log(path: str | Path) -> bool:
     """Whether a path is a log: a directory, or a file that begins as MCAP does.
 
@@ -48,14 +37,7 @@ def is_log(path: str | Path) -> bool:
             begin = stream.read(512)
     if not begin:
         raise InvalidData(f'{path}: is empty; wanted {WANTED}')
-    if begin.startswith(_PACKED):
-        raise bag.packed_error([path])
-    for magic, at, command in _UNPACK:
-        if begin.startswith(magic, at):
-            raise InvalidData(f'{path}: is a packed file; unpack it: {command} {shlex.quote(str(path))}')
-    for magic, words in _OTHERS.items():
-        if begin.startswith(magic):
-            raise InvalidData(f'{path}: {words}')
+    bag.refuse_other(path, begin)
     return begin.startswith(MAGIC) or path.suffix == '.mcap'
 
 

@@ -115,7 +115,7 @@ STYLE = 'font.family: serif\nfont.size: 22\naxes.facecolor: black\nsavefig.trans
 
 @pytest.mark.parametrize(('settings', 'place'), [
     (STYLE, 'named'), (STYLE, 'here'), ('text.usetex: True\nfont.family: Nonexistent\n', 'named'),
-    ('# no UTF-8: \xb5\n', 'named')])
+    ('# no UTF-8: \xb5\n', 'named'), ('# no UTF-8: \xb5\n', 'here'), ('svg.fonttype: broken\n\xff\xfe', 'here')])
 def test_a_figure_is_the_same_whatever_the_matplotlibrc_says(tmp_path, settings, place):
     """Fonts that are not there, TeX, another look: they are for the figures of their owner."""
     (tmp_path / 'matplotlibrc').write_text(settings, encoding='latin-1')
