@@ -127,7 +127,7 @@ def test_a_correction_and_its_verification_have_it(rosette, table, tmp_path):
         path = tmp_path / f'{place}.yaml'
         assert rosette('correct', table, '-o', path, *words).code == 0
         found = json.loads(rosette('verify', table, table, '--correction', path, '--json', *words).out)
-        widths.append((float(np.max(read_correction(path)[0].forward.u[:, 5])), found['errors'][5]['U_after']))
+        widths.append((float(np.max(read_correction(path)[0].forward.u[:, 5])), found['errors'][5]['U']))
     assert widths[1][0] > 2 * widths[0][0] and widths[1][1] > 2 * widths[0][1]
 
 
