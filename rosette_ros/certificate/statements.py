@@ -225,8 +225,9 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], d
             evaluation: tuple[tuple[str, str], ...], unknown: Iterable[str], files: Sequence[FileDigest],
             made: Budget | None = None) -> Certificate:
     least = min(one.probability for one in sets)
+    environment = budget_inputs(inputs.budget).environment if inputs.budget else None
     content = (f'U (k = 2, about {100 * least:.0f} %) {OF_BUDGET if made else CONTENT_OF_U}; it does not contain '
-               f'effects that are not in the model{beyond_words(made)}, nor {lacking_in_u(made)}.')
+               f'effects that are not in the model{beyond_words(environment)}, nor {lacking_in_u(made)}.')
     further = [
         'The results relate only to the item calibrated, under the conditions stated.',
         'The temperature was not measured.' if not any(run.temperatures.size for run in runs) else '',

@@ -2,7 +2,6 @@
 """What follows from a run: a correction, whether it did what it promised, the uncertainty budget."""
 
 import re
-import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 

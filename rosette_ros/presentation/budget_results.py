@@ -91,9 +91,9 @@ def environment_words(environment: Environment | None) -> str:
     return f'{environment.name}: {", ".join(sizes)} in a run (standard deviations from run to run)'
 
 
-def beyond_words(made: Budget | None) -> str:
+def beyond_words(environment: Environment | None) -> str:
     """Return what of the effects that are not in the model U contains after all."""
-    return f' nor among those of the environment ({made.around.environment.name})' if made and made.around else ''
+    return f' nor among those of the environment ({environment.name})' if environment else ''
 
 
 def environment_json(made: Budget | None) -> Json:

@@ -45,7 +45,8 @@ def conclusion_text(conclusion: Conclusion) -> ConclusionText:
         JointOutcome.UNKNOWN: (f'Whether one model fits cannot be said, as the repeatability is not known; {residual}.',
                                'Measure the repeatability before the run.'),
         JointOutcome.FITS: (f'{who} fit{s} one model{unseen_words(conclusion.unseen)}: {residual}.',
-                            'Nothing needs to be done.')}[conclusion.outcome]
+                            'State the environment of the cell (--environment).' if conclusion.lacks_environment
+                            else 'Nothing needs to be done.')}[conclusion.outcome]
     return ConclusionText(conclusion.level, sentence, action)
 
 

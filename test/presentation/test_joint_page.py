@@ -32,7 +32,7 @@ def test_the_page_shows_curves_reversal_knowledge_and_tests():
     result = joint(simulated_run('there_and_back'), simulated_run('diagonal'))
     assert list(joint_pictures(result)) == ['curves', 'reversal']
     page = joint_html(result, command='rosette report A B --joint')
-    for words in ('fit one model: residual', 'the reversal of all six curves, with its means', 'not known</h2>',
+    for words in (' in a laboratory: residual', 'the reversal of all six curves, with its means', 'limitations</h2>',
                   'once-per-turn part of (ctx, cty): eccentricity', 'p-value',
                   'Means of the reversal curves',
                   'error motions of the table', 'the readings are those of a simulated CMM',
@@ -56,7 +56,7 @@ def test_the_conclusion_follows_the_tests():
     assert (bad.level, bad.outcome) == ('bad', JointOutcome.CONTRADICTED) and 'plate' in bad.items
     assert 'contradict what was declared the same: ball centre deviations' in conclusion_text(bad).sentence
     unknown = conclude(joint(first.replace(repeatability=None)))
-    assert conclusion_text(conclude(joint(first))).sentence.startswith('The run fits one model: ')
+    assert conclusion_text(conclude(joint(first))).sentence.startswith('The run fits one model')
     assert dict(joint_rows(joint(first)))['Known'] == 'beyond what one run knows: nothing; it is one run'
     one = joint_json(joint(first, other, plate=('1', '2')))['tests']
     assert all((test['f'] is None) == (test['p'] is None) for test in one)

@@ -45,6 +45,11 @@ class Conclusion:
         return JOINT_LEVELS[self.outcome]
 
     @property
+    def lacks_environment(self) -> bool:
+        """Whether U lacks what the orders hide, as no environment is stated."""
+        return self.unseen is not None and not self.unseen.environment
+
+    @property
     def model_fails(self) -> bool:
         """Whether the model is refuted."""
         return self.level is Level.BAD

@@ -195,13 +195,14 @@ def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
     reasons = [f'{title_of(one.name)} ({one.reason})' for one in every if one.reason]
     what = ('what the uncertainty budget lists' if made and made.inputs.is_stated else
             'the scatter of the readings and the uncertainty of the effects in the model')
+    beyond = beyond_words(made.inputs.environment if made else None)
     return list(filter(None, (
         *text.not_known(run, summary.fit.gauge),
         f'Not judged: {"; ".join(reasons)}.' if reasons else '',
         'The temperature was not measured.' if not known_temperatures(run).size else '', *(
             f'{note[0].upper()}{note[1:]}.' for note in run.notes),
         'The asynchronous error motion needs several runs.',
-        f'U contains {what}; it does not contain effects that are not in the model{beyond_words(made)}.')))
+        f'U contains {what}; it does not contain effects that are not in the model{beyond}.')))
 
 
 def fits_of(summary: Summary) -> list[tuple[str, Fit]]:
