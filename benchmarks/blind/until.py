@@ -108,7 +108,7 @@ class Search:
         """Return how many readings it took, and what was said then."""
         name = f'until {self.order} {self.number} {"+".join(self.kinds)}'
         cell = Cell(Plan(self.n, self.order, crc32(name.encode()) % 2**31), name, self.kinds)
-        way, seconds, path = 'chosen' if self.chosen else 'repeated', 0.0, list[Any]()
+        seconds, path = 0.0, list[Any]()
         found = self._found(cell.run, STEPS[0])
         for step, ahead in pairwise(chain(STEPS, repeat(STEPS[-1]))):
             path.append([cell.run.size, {' + '.join(one.names): round(one.probability, 4)
@@ -119,7 +119,7 @@ class Search:
             began = time.perf_counter()
             found = self._found(cell.run, ahead)
             seconds = max(seconds, time.perf_counter() - began)
-        return {'name': name, 'kinds': self.kinds, 'way': way, 'readings': cell.run.size, 'settled': found.is_settled,
+        return {'name': name, 'kinds': self.kinds, 'readings': cell.run.size, 'settled': found.is_settled,
                 'hopeless': found.is_hopeless, 'hours': float(cell.run.time[-1]) / 3600, 'path': path,
                 'said': list(found.contenders[0].names), 'right': _is_right(found, self.kinds), 'seconds': seconds}
 
@@ -140,10 +140,11 @@ def _on(scheme: Scheme, start: int, count: int) -> Scheme:
 
 def work(search: Search) -> Record:
     """Return the record of a machine; one that shows nothing is skipped."""
+    of = {'order': search.order, 'number': search.number, 'chosen': search.chosen}
     try:
-        return search.settled()
+        return {**of, **search.settled()}
     except NotShown as why:
-        return {'name': str(why), 'skipped': True}
+        return {**of, 'name': str(why), 'skipped': True}
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -153,24 +154,26 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--machines', type=int, default=100)
     parser.add_argument('--first', type=int, default=1)
     parser.add_argument('--jobs', type=int, default=os.cpu_count())
-    parser.add_argument('--json', type=Path)
+    parser.add_argument('--json', type=Path, metavar='FILE', help='keep every machine; those it has are not repeated')
     options = parser.parse_args(argv)
+    records = json.loads(options.json.read_text()) if options.json and options.json.exists() else []
+    known = {(one['order'], one['number'], one['chosen']) for one in records}
     todo = [Search(options.order, number, chosen) for number in range(options.first, options.first + options.machines)
-            for chosen in (True, False)]
-    records = []
+            for chosen in (True, False) if (options.order, number, chosen) not in known]
     with multiprocessing.get_context('spawn').Pool(options.jobs) as pool:
-        for one in pool.imap(work, todo):
+        for one in pool.imap_unordered(work, todo):
             records.append(one)
             if options.json:
                 options.json.write_text(json.dumps(records, indent=0))
-    print(table(records))
+    print(table([one for one in records if one['order'] == options.order]))
     return 0
 
 
 def table(records: Sequence[Record]) -> str:
     """Return the table of both ways as Markdown, of the machines at which both have ended."""
     rows = [HEAD]
-    every = {way: {one['name']: one for one in records if one.get('way') == way} for way in ('chosen', 'repeated')}
+    every = {way: {one['name']: one for one in records if one['chosen'] == is_chosen and 'skipped' not in one}
+             for way, is_chosen in (('chosen', True), ('repeated', False))}
     names = sorted(set(every['chosen']) & set(every['repeated']))
     for what, some in (('all', names), ('in doubt after the first run', [
             name for name in names if every['chosen'][name]['readings'] > every['chosen'][name]['path'][0][0]

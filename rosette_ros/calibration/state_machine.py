@@ -40,6 +40,8 @@ PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
 KEPT, NOTHING, CONTINUE = 'what was measured is in', 'nothing was measured', 'continue with: '
 PAUSE = 'the plan has a pause here, resume the run after it'
+SETTLING = 'settling: '
+"""Begin of what is open, while readings are added."""
 
 
 def with_advice(words: str, log: str, is_measured: bool, where: Collection[str]) -> str:
@@ -133,11 +135,11 @@ class Sequence:
         if self._held and not self.phase.is_end:
             return f'{self._held}; waiting for {"it" if self._is_gone else "the end of one"}'
         target = self._asked
+        why = f'{SETTLING}{self.open}; ' if self.open and self.is_settling and not self.phase.is_end else ''
         if target is None:
-            return self.text
+            return f'{why}{self.text}'
         place, size = self.plan.place_in_phase(target.seq - 1)
         again = '' if target.attempt == 1 else f', attempt {target.attempt}'
-        why = f'settling: {self.open}; ' if self.open and self.is_settling else ''
         left = f', about {left / 60:.0f} min left' if (left := self.left or 0) > TOLD_FROM else ''
         return (f'{why}{Phase(target.phase).name.lower().replace("_", " ")} {place} of {size}: table position '
                 f'{target.table_position}, ball {target.ball}{again}{left}')
@@ -234,7 +236,7 @@ class Sequence:
         self.open = text
         if block is not None and self._left_to_add > 0:
             self.plan = self.plan.followed_by(block)
-            return Extended(f'settling: {text}'), *self._next(now)
+            return Extended(f'{SETTLING}{text}'), *self._next(now)
         self.is_settling = False
         if block is not None:
             self.open = f'{text}, after as many readings as are to be added ({self.plan.added.ball.size})'

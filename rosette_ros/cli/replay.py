@@ -226,7 +226,8 @@ class LogPlayer(GraphClient):
 
         timeout: for each, s."""
         frames = frames_of(log.path)
-        for answers, request, response in decisions_of(log.path):
+        is_asked = any(topic.messages and _is_next(topic.name) for topic in log.topics)
+        for answers, request, response in decisions_of(log.path) if is_asked else ():
             if answers.run_id in run_ids and self._evaluate(answers, frames.get(answers.run_id, []), timeout):
                 future = self._next_readings.call_async(request)
                 self._spin_until(future.done, timeout)
@@ -255,7 +256,7 @@ def decisions_of(log: str | Path) -> Iterator[tuple[RunAnswers, NextReadings.Req
                 decoded(message.data, interface_class(message.type_name)))
             known = answers.setdefault(one.run_id, RunAnswers(one.run_id))
             known.add_target(one) if isinstance(one, Target) else known.add_answer(one)
-        elif _last(message.topic.removesuffix(names.SERVICE_EVENT)) == _last(names.NEXT_READINGS):
+        elif _is_next(message.topic):
             event = decoded(message.data, NextReadings.Event)
             request = next(iter(event.request), request)
             if event.response and event.response[0].success and request is not None and request.run_id in answers:
@@ -272,6 +273,10 @@ def frames_of(log: str | Path) -> dict[str, list[TransformStamped]]:
             for frames in found.values():
                 frames += decoded(message.data, TFMessage).transforms
     return found
+
+
+def _is_next(topic: str) -> bool:
+    return topic.endswith(f'/{names.NEXT_READINGS}{names.SERVICE_EVENT}')
 
 
 def _last(topic: str) -> str:

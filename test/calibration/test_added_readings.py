@@ -148,6 +148,10 @@ def test_the_state_says_why_it_goes_on():
     assert sequence.describe() == 'asking the evaluator which readings settle what is open'
     sequence.decided(BLOCK_1, WHY, 1.0)
     assert sequence.describe() == f'settling: {WHY}; run 10 of 11: table position 2, ball 3'
+    measure(sequence, (Ask(sequence._asked),))
+    assert sequence.describe() == f'settling: {WHY}; waiting for the error motions'
+    sequence.cancel()
+    assert sequence.describe() == 'cancelled on request'
 
 
 @pytest.mark.parametrize('most, readings', [(2, 2), (0, 9)])
@@ -215,7 +219,7 @@ def recalled(sequence, settings, targets=None):
     return SimpleNamespace(
         success=True, run_id=RUN_ID, log='run_a', targets=list(map(conversions.target_message, kept)),
         answers=[conversions.answer_message(one) for one in sequence.answers.answers if one.seq in seqs],
-        events=[SimpleNamespace(kind=8, settings=settings)])
+        events=[SimpleNamespace(kind=8, settings=settings, text=f'settling: {WHY}')])
 
 
 VALUES = {**SETTINGS, 'plate.balls': 3, 'plate.radius_m': 0.1, 'order': 'diagonal', 'repeats': 2,
@@ -232,7 +236,7 @@ def test_a_run_that_is_resumed_measures_the_rest_of_its_block(lost):
     text = format_settings(VALUES) + format_added(whole.plan)
     job = make_job(Request('calibrate', {'resume': 'run_a'}), VALUES, (), recalled(
         whole, text, len(whole.answers.targets) - min(lost, 3)))
-    assert job.settings == text and job.sequence.until == Until(0.95, 0.0, 0)
+    assert job.settings == text and job.sequence.until == Until(0.95, 0.0, 0) and job.sequence.open == WHY
     asked, _ = measure(job.sequence, job.sequence.begin(0.0))
     assert [one.seq for one in asked] == [20, 19, 18][:min(lost, 3)][::-1]
     assert asking(job.sequence).readings == 9 - 3

@@ -14,9 +14,11 @@ from rosette_ros.core.touches import USUAL, Pace
 
 NEXT = 'next'
 """Name of the order of a block."""
-STOPS = 1, 3, 6
-"""Table positions of a way; of smaller plates at most all."""
-WAITS = 0.0, 0.25, 1.0
+STOPS = 1, 3
+"""Table positions of a way."""
+MOST_AT = 12
+"""Balls of a stop that are looked at, of more those that are evenly spread."""
+WAITS = 0.0, 1.0
 """Waits before a way, in times that so many readings as the run has take without waits."""
 TREND = 0.25
 """Last part of a run from which the temperature is continued, and time, over the run's, in which its change ends."""
@@ -44,7 +46,8 @@ class Way:
 
     def every(self, run: Run) -> Scheme:
         """Return the readings of all balls at all stops that see what the run saw."""
-        stop, ball = (one.ravel() for one in np.indices((self.position.size, run.n)))
+        looked = np.unique(np.linspace(0, run.n - 1, min(run.n, MOST_AT)).round().astype(int))
+        stop, ball = np.repeat(np.arange(self.position.size), looked.size), np.tile(looked, self.position.size)
         spot = (self.position[stop] + ball - 1) % run.n + 1
         seen = np.isin(ball + 1, run.balls) & np.isin(spot, np.unique(run.cmm_position))
         return self.scheme(run, stop[seen], ball[seen] + 1)

@@ -36,7 +36,7 @@ NOTICED = 1e-9
 """Share by which a variance has to be lower for another CMM position to be taken."""
 LEAST = 0.05
 """Information of all readings of the best way, nats, below which no block of this cell helps."""
-FINALISTS = 6
+FINALISTS = 4
 """Blocks that are calculated exactly as they would be measured: the best ones of all."""
 HASTE = 0.3
 """The block of the most information over this power of its time is taken: ten times the time is worth twice as much."""

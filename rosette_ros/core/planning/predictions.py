@@ -91,8 +91,10 @@ class Predictions:
 
     @property
     def information(self) -> float:
-        """The least information of all readings together on the explanations, nats."""
-        return float(information(self.p, self.distances))
+        """About the information of all readings together on the explanations, nats, as of `chosen`."""
+        spread = np.tensordot(self.p, self.spread, axes=1)
+        z = np.linalg.solve(np.linalg.cholesky(spread + np.eye(len(spread))), self.mean.T)
+        return float(information(self.p, np.sum((z[:, :, None] - z[:, None, :])**2, axis=0)))
 
 
 def information(p: Floats, square: Floats) -> Floats:
