@@ -11,7 +11,15 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.block_ways import Way, continued, ways, with_block
-from rosette_ros.core.planning.next_readings import Contender, in_doubt, next_readings, standing
+from rosette_ros.core.planning.next_readings import (
+    Contender,
+    Step,
+    in_doubt,
+    leading,
+    next_readings,
+    standing,
+    steps_of,
+)
 from rosette_ros.core.planning.predictions import Predictor, best_fit, expected_share, information
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.touches import USUAL_PACE
@@ -221,3 +229,18 @@ def test_ways_see_what_the_run_saw():
     run = synthetic_run(6, 'sensitive')[0]
     run = run.take(run.ball != 4)
     assert all(4 not in way.every(run).ball for way in ways(run))
+
+
+def test_the_leading_explanations_of_a_run():
+    """Those that were the likeliest at any step, each with its probability at every one."""
+    steps = [Step(36, (Contender(('a',), 0.6), Contender(('b',), 0.3), Contender(('c',), 0.05)), 1e-7),
+             Step(48, (Contender(('b',), 0.9), Contender(('a',), 0.1)), 9e-8)]
+    assert leading(steps, 2) == {('b',): [0.3, 0.9], ('a',): [0.6, 0.1]}
+
+
+def test_steps_are_what_was_known_then():
+    """The first readings of a run by themselves."""
+    run = synthetic_run(6, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
+    first, second = steps_of(run, None, (30, 36))
+    assert (first.readings, second.readings) == (30, 36) and first.uncertainty > second.uncertainty
+    assert second.contenders[0].names == ()

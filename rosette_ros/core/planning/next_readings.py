@@ -36,6 +36,8 @@ NOTICED = 1e-9
 """Share by which a variance has to be lower for another CMM position to be taken."""
 LEAST = 0.05
 """Information of all readings of the best way, nats, below which no block of this cell helps."""
+LEADING = 5
+"""Explanations whose way is shown."""
 FINALISTS = 4
 """Blocks that are calculated exactly as they would be measured: the best ones of all."""
 HASTE = 0.3
@@ -114,6 +116,35 @@ def standing(run: Run, model: Model | None = None, until: float = UNTIL,
     pair = in_doubt(contenders, until)
     return NextReadings(contenders, now, not pair and (uncertainty is None or now <= uncertainty), separates=pair,
                         expected_uncertainty=now)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What was known after so many readings of a run: its explanations, the likeliest first, and U, m."""
+
+    readings: int
+    contenders: tuple[Contender, ...]
+    uncertainty: float
+
+
+def step_of(found: NextReadings, readings: int) -> Step:
+    """Return the Step of what was found after so many readings."""
+    return Step(readings, tuple(one for one in found.contenders if one.probability > HEARD), found.uncertainty)
+
+
+def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[Step, ...]:
+    """Return what was known after each number of readings of a run, ascending; errors as of `next_readings`."""
+    return tuple(step_of(standing(run.take(range(size)), model), size) for size in sizes)
+
+
+def leading(steps: Sequence[Step], most: int = LEADING) -> dict[tuple[str, ...], list[float]]:
+    """Return the probabilities, step by step, of the explanations that were ever the likeliest ones, by their names;
+    most: so many, those of the largest probability at any step."""
+    found = [{one.names: one.probability for one in step.contenders} for step in steps]
+    top = Counter[tuple[str, ...]]()
+    for step in found:
+        top.update({names: p - top[names] for names, p in step.items() if p > top[names]})
+    return {names: [step.get(names, 0.0) for step in found] for names, _ in top.most_common(most)}
 
 
 def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
