@@ -46,7 +46,8 @@ def test_an_engineer_finds_what_is_asked_for():
                   'Room 3; 2026-04-12 to 2026-04-13', 'A. Messer', 'Tischbau RT 400 T-0815', '2026-K-113',
                   'Three-rosette method', '10.1016/j.measurement.2019.107366', 'Sequence ', 'Temperature 19.',
                   'The model fits', 'conforms', 'neither proven', 'Decision rule: ISO 14253-1',
-                  'load on the table: plate, 18 kg; speed of the table: at rest', 'axial place of the measurement: 120 mm',
+                  'load on the table: plate, 18 kg; speed of the table: at rest',
+                  'axial place of the measurement: 120 mm',
                   'Traceability CMM: 2026-K-113; thermometer: 2026-T-7', 'Clamped as in use & <'):
         assert words in first, words
     for line in certificate.sets[0].lines:
