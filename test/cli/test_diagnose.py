@@ -78,7 +78,8 @@ def test_what_a_person_sees(rosette, tables):
     for words in ('The probe moves with time (', 'by 2.5 µm/h in ', 'warping of the plate (99 %)', 'µm/h',
                   'U: expanded uncertainty (k = 2)',
                   'This run could not have shown ', 'backlash of the table', 'negligible',
-                  f'rosette add frame_drift plate_warp --model model.yaml --run {tables[0]}', 'Order sensitive shows '):
+                  f'rosette add frame_drift plate_warp --model model.yaml --run {tables[0]}',
+                  'Order interleaved shows '):
         assert words in flat
     assert ' um' not in out
     assert max(len(line) for line in lines if 'rosette add' not in line) <= 100

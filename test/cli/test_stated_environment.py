@@ -63,7 +63,7 @@ def test_with_one_the_same_run_is_decided_by_its_u(rosette, table, limits):
     assert (line['conformity'] == 'conforms') == (line['probability_of_conformity'] >= 0.97725)
     assert 'environment: workshop' in shop['verdict']
     assert ' is what this order cannot show, first of all ' in shop['verdict']
-    assert 'easure in the order sensitive' in shop['action']
+    assert 'easure in the order interleaved' in shop['action']
 
 
 def test_the_table_of_what_may_be_there(rosette, table):
