@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Design the order `sensitive` anew and keep what is better than the order that is shipped.
+"""Design the order `interleaved` anew and keep what is better than the order that is shipped.
 
     python -m benchmarks.design_orders 12 24 72 [--seed 1] [--steps 4000] [--heat 0.05]
 

@@ -15,8 +15,8 @@ from rosette_ros.core.scheme import plan
 
 COLUMNS = (('row', 'forward'), ('diagonal', 'forward'), ('diagonal', 'alternate'),
            ('column', 'forward'), ('random', 'forward'), ('random', 'alternate'),
-           ('sensitive', 'forward'))
-"""Orders with the turning of the table; `sensitive` has senses of its own."""
+           ('interleaved', 'forward'))
+"""Orders with the turning of the table; `interleaved` has senses of its own."""
 
 
 def order_of(scheme):
@@ -55,11 +55,11 @@ def typical_shares(n, pace):
 
 
 def worst_shares(sizes, seeds, pace):
-    """Print, for each size, the worst setting of every effect, `sensitive` against `random`."""
+    """Print, for each size, the worst setting of every effect, `interleaved` against `random`."""
     rows, head = {}, ['share of what any order could show, worst setting']
     for n in sizes:
         judge = Judge(n, pace)
-        mine = judge(order_of(plan(n, 'sensitive')))
+        mine = judge(order_of(plan(n, 'interleaved')))
         drawn = [judge(order_of(plan(n, 'random', seed, 'alternate'))) for seed in range(seeds)]
         head += [f'n = {n}']
         for name, share in mine.shares.items():
@@ -88,7 +88,7 @@ def times(sizes, pace):
         for n in sizes:
             way = journey(order_of(plan(n, order, 0, turning)), pace)
             hours.append(f'{way.motion / 3600:.2f} of {(way.time[-1] + pace.probing) / 3600:.2f}')
-        rows.append((f'{order}, {turning}' if order != 'sensitive' else order, *hours))
+        rows.append((f'{order}, {turning}' if order != 'interleaved' else order, *hours))
     print_table(('hours of motion, of all with 24 s a ball', *(f'n = {n}' for n in sizes)), rows)
 
 

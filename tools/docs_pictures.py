@@ -42,7 +42,7 @@ HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [0.9, 0.0, 0.5]},
 FINE = {'fine_orders': (11, 13, 17), 'fine_share': 0.5, 'translation_um': 0.3, 'rotation_urad': 2.0}
 MOVED = (0, 30, 60, 90, 130, *range(150, 360, 30))
 SHOWN = ('curves', 'residual_maps')
-COMPARED = ('diagonal', 'row', 'there_and_back', 'sensitive', 'diagonal:50%')
+COMPARED = ('diagonal', 'row', 'there_and_back', 'interleaved', 'diagonal:50%')
 SCREEN = 'report-verdict.png'
 
 

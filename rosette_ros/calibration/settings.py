@@ -17,7 +17,7 @@ from rosette_ros.calibration.commands import Limits, Until
 from rosette_ros.core.axes import taught_frame
 from rosette_ros.core.errors import InvalidConfig, InvalidPlan
 from rosette_ros.core.joint.readings import Plate
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, places_in_use, plan
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, order_name, places_in_use, plan
 from rosette_ros.io.identity_file import format_identity, parse_identity, read_identity
 from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan, parse_plan, read_plan
 from rosette_ros.io.plate_file import format_plate, parse_plate, read_plate
@@ -49,7 +49,9 @@ class Wanted:
         return self.high < _MOST
 
     def check(self, value: Any, where: str) -> Value:
-        """Return `value` in the right type, or raise InvalidConfig in words."""
+        """Return `value` in the right type, an order by its name of today, or raise InvalidConfig in words."""
+        if self.choices is ORDERS and isinstance(value, str):
+            value = order_name(value)
         if isinstance(self.default, tuple):
             is_list = isinstance(value, (list, tuple)) and len(value) == len(self.default)
             if is_list and all(self._fits(one, float) for one in value) and (any(value) or not self.is_direction):
@@ -87,7 +89,7 @@ TABLE = (
     Wanted('table.azimuth_deg', 0.0, 'where ball 1 roughly is at table angle 0, counted counter-clockwise about '
            'table.axis from the machine x axis (axis along z), y (along x) or z (along y), degrees', -360.0, 360.0))
 RUN = (
-    Wanted('order', 'sensitive', 'order of measurement', choices=ORDERS),
+    Wanted('order', 'interleaved', 'order of measurement', choices=ORDERS),
     Wanted('seed', 0, 'draws the order "random"', 0, 2**53),
     Wanted('turning', 'forward', 'sense in which the table turns', choices=TURNINGS),
     Wanted('cmm_positions', '', 'CMM positions in use: how many ("6", the best ones), a share ("50 %") or which '

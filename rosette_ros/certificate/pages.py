@@ -154,7 +154,8 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
     flowables += [_heading('Measurement: method and conditions'),
                   _words(f'{_text(METHOD)} {_text(PAPER)}, <link href="{DOI}">{DOI.partition("org/")[2]}</link>.'),
                   Spacer(1, 1 * mm), _pairs([
-                      *_measured(one.runs), *((name, words or NOT_STATED) for name, words in conditions(identity)),
+                      *_measured(one.runs), ('Conditions', '; '.join(
+                          f'{name.lower()}: {words or NOT_STATED}' for name, words in conditions(identity))),
                       ('Traceability', identity['traceability.name'] or NOT_STATED), *one.evaluation])]
     flowables += [_heading('Results: error motions of the rotary table (ISO 230-7)'),
                   _words(f'<b>{_text(one.judgement)}</b>'), Spacer(1, 1 * mm)]

@@ -154,9 +154,8 @@ def state(paths: Sequence[str | Path], inputs: Inputs,
 def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
     run, source = open_source(path, inputs.run_id)
     identity, contradictions = source.identity.with_changes(inputs.identity)
-    measured = _measured(run, source)
+    limits, measured = identity.limits(run.rotation), _measured(run, source)
     days = _complete(identity, [measured], ask)
-    limits = identity.limits(run.rotation)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
     given, verdict = budget_inputs(inputs.budget) if inputs.budget else BudgetInputs(), None
     explanations: tuple[tuple[float, Fit], ...] = ()

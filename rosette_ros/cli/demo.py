@@ -32,7 +32,7 @@ from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.scheme import order_name, plan
 from rosette_ros.io.correction_file import format_correction
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import write_model
@@ -65,7 +65,7 @@ def demo_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('--balls', metavar='N', type=whole(None, 72), default=12,
                         help='balls on the plate = table positions (default 12)')
-    parser.add_argument('--order', help='order of measurement (default sensitive: it shows nearly all effects)')
+    parser.add_argument('--order', help='order of measurement (default interleaved: it shows nearly all effects)')
     drawn = random.SystemRandom().randrange(10**6)
     parser.add_argument('--hidden', metavar='SEED', nargs='?', type=whole(0, 2**31), const=drawn,
                         help='hide physical effects in the machine, drawn from SEED (a new one if none is given), '
@@ -115,7 +115,7 @@ def run_demo(options: Namespace) -> None:
         go_round(options)
         return
     hidden = {} if options.hidden is None else {'hidden': {'seed': options.hidden, **hidden_demo.SIZES}}
-    order = options.order or 'sensitive'
+    order = order_name(options.order or 'interleaved')
     plan(options.balls, order, options.seed)  # refuses what cannot be measured
     config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls}, table=TABLE,
                                      placement={'axis': options.axis}, **hidden)
@@ -181,7 +181,7 @@ def go_round(options: Namespace) -> None:
     """Go round once, and show all stages in a table and a picture."""
     config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls}, table=WORN, hidden=HIDDEN,
                                      placement={'axis': options.axis})
-    order, out = options.order or 'sensitive', console()
+    order, out = order_name(options.order or 'interleaved'), console()
     what = f'[bold]Calibrate, correct, calibrate again[/]: {options.balls} balls, order {order}'
     with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
         section(out, '1', 'calibrate')
@@ -243,7 +243,7 @@ def verify_method(options: Namespace) -> None:
     """Measure all runs in one cell, write the maker's table and the report, and print where they are."""
     config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls},
                                      placement={'axis': options.axis})
-    order, out, paths = options.order or 'diagonal', console(), []
+    order, out, paths = order_name(options.order or 'diagonal'), console(), []
     what = f'[bold]The verification of the paper[/]: {len(ROLES)} runs of {options.balls} balls, order {order}'
     with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
         for (label, _), changes in zip(ROLES, conditions(options.balls), strict=True):

@@ -29,7 +29,7 @@ from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
 from rosette_ros.core.reduced_sets import fewest_members
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, order_name, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
 from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
@@ -129,7 +129,8 @@ def run_plan(options: Namespace) -> None:
     except InvalidData as error:
         raise UsageError(f'--axis: {error}') from None
     environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
-    names = [Path(word).name if Path(word).is_file() else word for word in words]
+    names = [Path(word).name if Path(word).is_file() else ':'.join([order_name(order), *places])
+             for word in words for order, *places in [word.split(':')]]
     plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace, rotation=rotation,
                      environment=environment) for name, one in zip(names, made)]
     if options.figures:
@@ -164,6 +165,7 @@ def chosen(words: Sequence[str], options: Namespace) -> list[MeasuringPlan]:
     every = []
     for word in words:
         order, _, places = word.partition(':')
+        order = order_name(order)
         if word in read:
             every.append(read[word])
         elif order not in ORDERS and re.search(r'[./\\]', word):
@@ -239,7 +241,7 @@ CASES = {
     'diagonal': 'CMM outside, table and plate inside (case 2 of the paper): mean systematic error of the table',
     'column': 'ball outside, CMM and table inside (case 3 of the paper): table and CMM alike',
     'random': 'shuffled: drift in time is spread over all positions',
-    'sensitive': 'designed: shows every effect of the library, with little travel',
+    'interleaved': 'designed: shows every effect of the library, with little travel',
     'there_and_back': 'diagonal at half the CMM positions, then the same backwards: shows every effect of the '
                       'library',
     'row_there_and_back': 'row at half the CMM positions, then the same backwards: quickest where the table moves '

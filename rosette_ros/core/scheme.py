@@ -171,7 +171,7 @@ class Way:
         used = np.unique(cells).size
         if used in (n * np.unique(position).size, n * np.unique(ball).size):
             return Way(table_position, ball, approach, np.arange(size))
-        for order in ('row', 'diagonal', 'column', 'sensitive') if n * n < 8 * size + 1024 else ():
+        for order in ('row', 'diagonal', 'column', 'interleaved') if n * n < 8 * size + 1024 else ():
             for turning in TURNINGS:
                 made = plan(n, order, turning=turning)
                 place = np.argsort((made.table_position - 1) * n + made.ball - 1)[cells]
@@ -204,16 +204,23 @@ class Way:
         return np.asarray(travel - travel[0] + table_angle[0])
 
 
-COMPLETE_ORDERS = ('row', 'diagonal', 'column', 'random', 'sensitive')
+COMPLETE_ORDERS = ('row', 'diagonal', 'column', 'random', 'interleaved')
 """Orders in which every ball is measured once at every table position."""
 BACK = {'there_and_back': 'diagonal', 'row_there_and_back': 'row'}
 """Orders that measure the places in use in another order and then backwards."""
 ORDERS = (*COMPLETE_ORDERS, *BACK)
+ALIASES = {'sensitive': 'interleaved'}
+"""Names that orders had before, and still are given by: ISO 230-7 uses the old one for something else."""
+
+
+def order_name(given: str) -> str:
+    """Return the name of an order that is given by it or by an earlier one."""
+    return ALIASES.get(given, given)
 
 
 def _pairs(n: int, order: str, turning: str, seed: int) -> tuple[Ints, Ints]:
     """Return table positions and balls in measuring order, zero-based, each (N,)."""
-    if order == 'sensitive':
+    if order == 'interleaved':
         return sensitive(n)[:2]
     if order == 'random':
         return np.divmod(np.random.default_rng(seed).permutation(n * n), n)
@@ -230,11 +237,11 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
     """Return the Scheme of one run.
 
     order: one of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1); `diagonal`: CMM outer (case 2,
-    Table 1); `column`: ball outer (case 3); `random`: a shuffle drawn from `seed`; `sensitive`: small steps of the
+    Table 1); `column`: ball outer (case 3); `random`: a shuffle drawn from `seed`; `interleaved`: small steps of the
     table in which every effect of the library shows (docs/measuring.md); `there_and_back`, `row_there_and_back`:
     `diagonal` or `row` at half the CMM positions, then the same backwards. turning: `forward`, or `counterclockwise`,
     turns the table counter-clockwise always; `alternate` turns it backwards in every second inner loop (every second
-    move in `random`), so that backlash shows; `sensitive` and those there and back have senses of their own then;
+    move in `random`), so that backlash shows; `interleaved` and those there and back have senses of their own then;
     `clockwise` is the mirror image of `forward`: it begins at position 1 and ball 1, too, and both count down.
     cmm_positions, balls: those in use, from 1, one of the two; all if none (half of the CMM positions there and back).
 
@@ -245,6 +252,7 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
         raise InvalidPlan(f'number of balls: wanted a whole number of at least 3, got {n}; '
                           'with fewer the table, plate and CMM cannot be separated')
     n = int(n)
+    order = order_name(order)
     if order not in ORDERS:
         raise InvalidPlan(unknown_name('order', order, ORDERS))
     if turning not in TURNINGS:
@@ -307,7 +315,7 @@ def places_in_use(text: str, n: int, what: str = 'CMM positions or balls') -> tu
 
 def _approach(n: int, order: str, turning: str, i: Ints) -> Ints:
     """Return the sense of the last table move for positions i (zero-based) in measuring order."""
-    if order == 'sensitive':
+    if order == 'interleaved':
         return sensitive(n)[2]
     if turning == 'forward':
         return np.ones(i.size, dtype=int)

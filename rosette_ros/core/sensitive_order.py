@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The order `sensitive`: small steps of the table in which every effect of the library shows.
+"""The order `interleaved`, once called `sensitive`: small steps of the table that show every effect of the library.
 
 Each of n sweeps takes the table once round, one division after the other, forwards or backwards:
 

@@ -13,7 +13,7 @@ import numpy as np
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
 from rosette_ros.core.model.base_entries import refuse_undetermined
-from rosette_ros.core.scheme import Scheme, places_in_use, plan
+from rosette_ros.core.scheme import Scheme, order_name, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES
 from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, parse_yaml
 from rosette_ros.io.table_heading import meant
@@ -123,8 +123,8 @@ def _of_rows(n: int, order: str, texts: Mapping[str, list[str]], source: str) ->
         raise InvalidPlan(f'{source}: row {row + 1}: session: wanted 1 in the first row and one more after each pause, '
                           f'got {session[row]}')
     touches = _checked_touches(column('touches', 0, 1000, 0), source)
-    return Scheme(n, order, 0, table, ball, _senses(n, table, column('approach', -1, 1, 0)), touches, session,
-                  wait=_waits(texts.get(WAIT, ['0'] * size), source))
+    return Scheme(n, order_name(order), 0, table, ball, _senses(n, table, column('approach', -1, 1, 0)), touches,
+                  session, wait=_waits(texts.get(WAIT, ['0'] * size), source))
 
 
 def _waits(texts: list[str], source: str) -> Floats:

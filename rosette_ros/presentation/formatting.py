@@ -52,7 +52,7 @@ DATED = 10**17
 MOST_MISSING = 5
 SEQUENCES = {
     'row': 'balls within table position', 'diagonal': 'table positions within CMM position',
-    'column': 'table positions within ball', 'random': 'randomised', 'sensitive': 'interleaved sweeps of the table',
+    'column': 'table positions within ball', 'random': 'randomised', 'interleaved': 'interleaved sweeps of the table',
     'there_and_back': 'table positions within CMM position, then backwards',
     'row_there_and_back': 'balls within table position, then backwards', 'as measured': 'of its own'}
 """What an order is, as a document says it."""

@@ -181,9 +181,9 @@ def places(comparison: Comparison) -> Table:
     top = max(largest[:-1])
     p = [*(one.p for one in every), comparison.neighbour_p]
     return Table('worst_places', f'Residual by group; a full bar is {text.sigmas(top)}', (
-        words('by', 'grouped by', [*(one.label for one in every), 'autocorrelation (lag 1)']),
+        words('by', 'grouped by', [*(one.label for one in every), 'autocorrelation']),
         words('profile', 'first to last group', [
-            *(bars(size, top) for size in sizes), text.signed(comparison.neighbour_correlation, 2)]),
+            *(bars(size, top) for size in sizes), f'{text.signed(comparison.neighbour_correlation, 2)} (lag 1)']),
         words('worst', 'largest at', [*(one.keys[one.worst] for one in every), '']),
         micrometre_column('rms_um', 'its rms', [size * sigma for size in largest]),
         column('rms_sigma', 'in σ', largest, lambda one: text.sigmas(one) if np.isfinite(one) else text.UNKNOWN),

@@ -291,7 +291,7 @@ def _actions(verdict: Verdict) -> list[str]:
         out.append('add the error motions of the table to the model')
     if (one := verdict.unseen) and (not one.environment or one.share > MOST_OF_U):
         state = '' if one.environment else 'state the environment of the cell, or '
-        out.append(f'{state}measure in the order sensitive')
+        out.append(f'{state}measure in the order interleaved')
     return out
 
 

@@ -266,7 +266,7 @@ def test_an_effect_is_named_in_a_run_of_its_own():
     run, truth = trial.run()
     record = trial.judge(diagnose(run), truth)
     assert record['judged'] == 'right' and record['left'] < 4 and record['claims'][0]['true']
-    assert np.mean(record['covered']) > 0.8 and record['order'] == 'sensitive'
+    assert np.mean(record['covered']) > 0.8 and record['order'] == 'interleaved'
     assert np.abs(rotate_z(-run.phi, truth.shift)).max() > SIGMA
 
 

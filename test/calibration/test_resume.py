@@ -205,7 +205,7 @@ def test_settings_survive_the_log():
     found = parse_settings(format_settings(SETTINGS), 'here')
     assert found == {wanted.name: SETTINGS[wanted.name] for wanted in PLANNED}
     refuse_other_plan({'order': 'sensitive', 'limits.attempts': 1}, found, 'a')
-    with pytest.raises(CellError, match="order: wanted 'sensitive' as the run began, got 'row'; leave it out"):
+    with pytest.raises(CellError, match="order: wanted 'interleaved' as the run began, got 'row'; leave it out"):
         refuse_other_plan({'order': 'row'}, found, 'a')
 
 

@@ -23,6 +23,8 @@ laboratory: {name: Messlabor Süd, street: Ring 1, postcode: "80331", city: Mün
              email: kal@example.org, accreditation: D-K-00000}
 customer: {name: Drehtisch AG, city: Zürich, country: CH, order: "4711"}
 place: {name: Room 3, at: laboratory}
+conditions: {load: "plate, 18 kg", speed: "at rest", axial: "120 mm above the top"}
+traceability: "CMM: 2026-K-113; thermometer: 2026-T-7"
 operator: A. Messer
 signer: {name: B. Leiter, role: head of laboratory}
 table: {maker: Tischbau, model: RT 400, serial: "T-0815"}

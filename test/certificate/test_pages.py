@@ -25,13 +25,13 @@ def pages_of(data):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_the_xml_is_attached_to_two_pages(kind):
-    """Byte by byte; several runs with two sets of curves take a page more."""
+def test_the_xml_is_attached_to_the_pages(kind):
+    """Byte by byte; each page says how many there are, two or three for a set of curves."""
     _, certificate, data = made(kind)
     pdf = to_pdf(certificate, data, 'cert.xml')
     assert dict(PdfReader(io.BytesIO(pdf)).attachments.items()) == {'cert.xml': [data]}
     pages = pages_of(pdf)
-    assert len(pages) == len(certificate.sets) + 1
+    assert len(certificate.sets) + 1 <= len(pages) <= len(certificate.sets) + 2
     for place, words in enumerate(pages, 1):
         assert f'page {place} of {len(pages)}' in words
         assert 'SIMULATED: no real table was measured' in words
@@ -40,12 +40,15 @@ def test_the_xml_is_attached_to_two_pages(kind):
 def test_an_engineer_finds_what_is_asked_for():
     """Identity, what was measured how, six numbers with U and verdicts, what is not known, where to sign."""
     _, certificate, data = made('clean')
-    first, second = pages_of(to_pdf(certificate, data, 'cert.xml'))
+    first, *others = pages_of(to_pdf(certificate, data, 'cert.xml'))
+    second = ' '.join(others)
     for words in ('No. 2026-0413', 'issued 2026-11-30', 'Messlabor Süd, Ring 1, 80331, München, DE', 'order 4711',
                   'Room 3; 2026-04-12 to 2026-04-13', 'A. Messer', 'Tischbau RT 400 T-0815', '2026-K-113',
                   'Three-rosette method', '10.1016/j.measurement.2019.107366', 'Sequence ', 'Temperature 19.',
                   'The model fits', 'conforms', 'neither proven', 'Decision rule: ISO 14253-1',
-                  'Clamped as in use & <'):
+                  'load on the table: plate, 18 kg; speed of the table: at rest',
+                  'axial place of the measurement: 120 mm',
+                  'Traceability CMM: 2026-K-113; thermometer: 2026-T-7', 'Clamped as in use & <'):
         assert words in first, words
     for line in certificate.sets[0].lines:
         assert f'{line.curve} ({line.name}) / {"µm" if line.curve[1] == "t" else "µrad"}' in first
@@ -57,16 +60,15 @@ def test_an_engineer_finds_what_is_asked_for():
 
 def test_the_two_times_say_what_they_are_of():
     """The log lasts longer than the run: alignment and checks are in it."""
-    first, _ = pages_of(to_pdf(*made('simulated')[1:], 'cert.xml'))
+    first, *_ = pages_of(to_pdf(*made('simulated')[1:], 'cert.xml'))
     assert re.search(r'Recording 2026-11-22 [0-9:]{8} UTC to 2026-11-22 [0-9:]{8} UTC, the whole log Duration \d+ min '
                      'from the first ball of the run to the last', first)
 
 
 def test_the_budget_stands_on_the_pages():
-    """Each contribution, what they make together, what is not considered, values per angle; 12 balls in two pages."""
+    """Each contribution, what they make together, what is not considered, values per angle."""
     _, certificate, data = made('budget')
     pages = pages_of(to_pdf(certificate, data, 'cert.xml'))
-    assert len(pages) == 2
     for one in certificate.budget.contributions:
         assert one.name in ' '.join(pages)
     assert 'U, which does not contain the scale of the CMM' in pages[0]

@@ -46,7 +46,7 @@ def test_the_envelope_stays_shut_until_it_is_asked_for(shown):
     assert hidden
     assert not any(kind in out for kind in (*hidden, *diagnose(read_log(log).to_run()).missing))
     assert 'Blind test sealed. To find out what is hidden:' in out
-    assert f'demo --hidden {SEED} --seed 1 --balls {BALLS} --order sensitive --axis 0 0 1' in ' '.join(out.split())
+    assert f'demo --hidden {SEED} --seed 1 --balls {BALLS} --order interleaved --axis 0 0 1' in ' '.join(out.split())
     for verb in ('compare', 'diagnose', 'envelope'):
         assert re.search(rf'^  \S*rosette {verb} {re.escape(str(log))}$', out, re.MULTILINE)
     assert f'sha256 {open_envelope(log / "envelope.json").digest}' in out
@@ -92,7 +92,7 @@ def test_sections_in_order(shown):
     digests = re.findall(r'sha256 ([0-9a-f]{64})', out)
     assert digests == [open_envelope(log / 'envelope.json').digest]
     assert f'rosette demo --hidden {SEED}' in demo
-    assert f'{BALLS} balls, order sensitive' in demo
+    assert f'{BALLS} balls, order interleaved' in demo
     assert '\x1b' not in out
 
 

@@ -56,10 +56,11 @@ def test_what_explains_more_and_what_is_no_longer_needed_is_said(rosette, model,
     """After `add`: the weaker of two effects helps; one that imitated another is superfluous once that is there."""
     run = simulated_table('drift_and_warp', order='sensitive')
     said = ' '.join(rosette('add', 'plate_warp', '--model', model, '--run', run).out.split())
-    assert re.search(r'Warping of the plate (helps: .* But|does not lower .* while) drift of the probe relative to the '
-                     r'table \(frame_drift\) (explains \d\S* times more|is missing: add that first)\.', said)
+    assert re.search(r'Warping of the plate (helps: .* But|does not lower .* while) linear probe drift '
+                     r'\(frame_drift\) (explains \d\S* times more|is missing: add that first)\.', said)
     said = json.loads(rosette('add', 'frame_drift', '--model', model, '--run', run, '--json').out)['sentence']
-    assert said.startswith('Drift') and 'But' not in said and 'missing' not in said and 'needed' not in said
+    assert said.startswith('Linear probe drift')
+    assert 'But' not in said and 'missing' not in said and 'needed' not in said
     warmup = {'kind': 'frame_warmup', 'amplitude_um': [0.5, -1.0, -0.5], 'time_constant_h': 0.17}
     config = MachineConfig().changed(seed=1, hidden=[warmup])
     write_csv(Machine(config).run(plan(12, 'sensitive')), tmp_path / 'run.csv')

@@ -72,7 +72,7 @@ def test_with_one_the_same_run_is_decided_by_its_u(rosette, table, limits):
     assert (line['conformity'] == 'conforms') == (line['probability_of_conformity'] >= 0.97725)
     assert 'environment: workshop' in shop['verdict']
     assert ' is what this order cannot show, first of all ' in shop['verdict']
-    assert 'easure in the order sensitive' in shop['action']
+    assert 'easure in the order interleaved' in shop['action']
 
 
 def test_the_table_of_what_may_be_there(rosette, table):
@@ -80,7 +80,7 @@ def test_the_table_of_what_may_be_there(rosette, table):
     text = ' '.join(rosette('evaluate', table, '--environment', 'laboratory').out.split())
     assert 'What this order cannot show, in U (environment: laboratory)' in text
     assert 'laboratory: machine against table 0.3 µm, zero of the table angle 0.5 µrad' in text
-    assert 'U of the range' in text and 'of each angle the largest' in text
+    assert 'U of the range' in text and 'of each point the largest' in text
     assert 'conformity is decided from 97.7 % of it on (JCGM 106)' in text
 
 

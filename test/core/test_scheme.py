@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measuring schemes: Table 1 of the paper, and laws that hold for every order."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rosette_ros.calibration.settings import RUN
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.scheme import BACK, COMPLETE_ORDERS, ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
+from rosette_ros.io.messages import progress_of
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
 
 # Rows 1-12 of Table 1, Kniel et al. (2019): CMM position, table position, ball.
 TABLE_1 = [(1, 1, 1), (1, 2, 6), (1, 3, 5), (1, 4, 4), (1, 5, 3), (1, 6, 2),
@@ -123,3 +128,19 @@ def test_places_that_do_not_exist_are_refused(arguments, words):
     """Places in use are different ones that exist, and of one kind."""
     with pytest.raises(InvalidPlan, match=words):
         plan(12, **arguments)
+
+
+def test_the_order_interleaved_is_known_by_its_earlier_name():
+    """In a plan, a parameter, a plan file and a log that were made before; what is made now has the name of today."""
+    made, known = plan(6, 'interleaved'), plan(6, 'sensitive')
+    assert made.order == known.order == 'interleaved' and np.array_equal(made.table_position, known.table_position)
+    wanted = next(one for one in RUN if one.name == 'order')
+    assert wanted.check('sensitive', 'x') == wanted.check('interleaved', 'x') == wanted.default == 'interleaved'
+    for text in (b'schema: rosette-plan/1\nballs: 6\nradius_mm: 182.5\norder: sensitive\n',
+                 format_plan(MeasuringPlan(made, 0.1825)).replace('interleaved', 'sensitive').encode()):
+        scheme = parse_plan(text, 'plan').scheme
+        assert scheme.order == 'interleaved' and np.array_equal(scheme.ball, made.ball)
+    state = SimpleNamespace(run_id='r', phase=3, order='sensitive', done=0, total=36, text='')
+    assert progress_of(state).order == 'interleaved'
+    with pytest.raises(InvalidPlan, match='Unknown order'):
+        plan(6, 'sensitiv')

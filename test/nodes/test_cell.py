@@ -211,7 +211,7 @@ def test_start_calibration_answers_at_once_with_the_run_id(cell, module_domain_i
     with CellClient(module_domain_id) as client:
         started, run_id = trigger(client, 'start_calibration')
     assert started
-    assert run_id.endswith('_sensitive')
+    assert run_id.endswith('_interleaved')
     log = folder / 'runs' / run_id
     wait_until(lambda: f'log of run {run_id}' in cell.processes['recorder'].text())
     assert read_log(log).latest_error_motions().run_id == run_id

@@ -15,7 +15,9 @@ from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import Source, open_source, report_html, write_report
+from rosette_ros.presentation.report.run_page import COLUMNS
 from rosette_ros.presentation.report.verification import verification_html, verify
+from rosette_ros.presentation.tables import tables_of
 from rosette_ros.words.verdict_words import verdict_text
 
 pytestmark = pytest.mark.long
@@ -119,6 +121,16 @@ def test_conditions_hold_what_is_needed_to_repeat_the_report(tmp_path):
                   '- frame_drift',
                   'rosette report run.csv', 'numpy ', 'scipy ', 'Python ', 'rosette_ros '):
         assert words in text
+
+
+def test_tables_of_the_page_name_what_their_rows_are_of():
+    """The candidates have their effect; no column is chosen that its table does not have, if it must."""
+    tables = {one.name: one for one in tables_of(summary_of('drift'))}
+    assert tables['candidates'].select(*COLUMNS['candidates']).shown[0].head == 'effect'
+    for name in ('causes', 'candidates', 'visibility'):
+        assert {*COLUMNS[name]} <= {one.key for one in tables[name].columns}, name
+    head = tables['visibility'].select(*COLUMNS['visibility'])
+    assert 'sensitivity, typical' in [one.head for one in head.shown] and 'not absorbed' in head.note
 
 
 def test_nothing_on_a_page_comes_from_elsewhere(page):

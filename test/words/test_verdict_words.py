@@ -165,13 +165,13 @@ def test_a_verdict_says_what_u_lacks_or_has_of_what_the_order_hides():
         '', 'ctz', 5.2e-8, 2.04e-7, 'frame_drift', 0.9)))
     assert lacks.sentence.startswith('The model fits, with U of ctz 0.052 µm without what this order cannot show; '
                                      '0.204 µm in a laboratory: the residual of')
-    assert lacks.action == 'State the environment of the cell, or measure in the order sensitive.'
+    assert lacks.action == 'State the environment of the cell, or measure in the order interleaved.'
     has = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
         'workshop', 'crz', 3e-7, 4.4e-6, 'table_zero_drift', 0.97)))
     assert has.sentence.startswith('The model fits, with what this order cannot show in U (environment: workshop): ')
     assert has.sentence.endswith('Most of U of crz is what this order cannot show, first of all angular drift of the '
                                  'table.')
-    assert has.action == 'Measure in the order sensitive.'
+    assert has.action == 'Measure in the order interleaved.'
     small = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
         'laboratory', 'crz', 3e-7, 3.1e-7, 'table_zero_drift', 0.1)))
     assert small.action == NOTHING_TO_DO and 'Most of U' not in small.sentence

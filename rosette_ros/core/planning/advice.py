@@ -236,7 +236,7 @@ def _best(orders: Sequence[OrderAdvice], wanted: Sequence[str]) -> OrderAdvice:
     wanted: effects that count, those first that tell soonest that an order is none of these."""
     near: list[OrderAdvice] = []
     top = 0.0
-    for one in sorted(orders, key=lambda one: one.order != 'sensitive'):  # this one is made to show most
+    for one in sorted(orders, key=lambda one: one.order != 'interleaved'):  # this one is made to show most
         if one.shows(wanted, ALMOST * top):
             near.append(one)
             top = max(top, one.worst)
