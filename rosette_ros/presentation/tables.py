@@ -19,6 +19,7 @@ from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.error_summary import fit_lines, peak_to_valley
 from rosette_ros.core.errors import counted
+from rosette_ros.core.geometry import clamping
 from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
@@ -110,8 +111,9 @@ def _with_u(values: Floats, expanded: Floats, digits: int, alike: bool) -> tuple
 
 
 def deviations(fit: Fit) -> Table:
-    """Return the deviations of the plate's balls and of the CMM's positions, with U as `curves` has it."""
-    parts = (('plate', 'plate', fit.plate, fit.deviation_u[0]), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
+    """Return the deviations of the plate's balls, freed of its clamping, and of the CMM's positions, with U."""
+    shift, turn, freed = clamping(fit.plate, fit.run.radius)
+    parts = (('plate', 'plate', freed, fit.deviation_u[0]), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
     alike = _alike(np.hstack([u for *_, u in parts]))
     columns = [column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str,
                       footer=(f'U (k = {text.COVERAGE_FACTOR})',) * alike)]
@@ -124,7 +126,8 @@ def deviations(fit: Fit) -> Table:
                                   footer=(f'±{text.fixed(float(np.nanmax(expanded)), digits)}',) * alike))
     columns += [column(f'u_{key}_{axis}_um', '', 1e6 * u[:, place])
                 for key, _, _, u in parts for place, axis in enumerate(AXES)]
-    return Table('deviations', f'Deviations of the ball plate and of the CMM; {EXPANDED}', tuple(columns))
+    return Table('deviations', f'Deviations of the ball plate and of the CMM; {EXPANDED}', tuple(columns),
+                 note=f'Clamping of the plate, which is not in its deviations: {text.clamping_words(shift, turn)}.')
 
 
 def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from summaries import summary_of, verification_runs
 
+from rosette_ros.core.geometry import rigid_motion
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.presentation.json_output import diagnosis_json, evaluation_json
 from rosette_ros.presentation.report.verification import verification_tables, verify
@@ -48,12 +49,16 @@ def test_curves_are_those_of_the_evaluation():
 
 
 def test_deviations_are_those_of_the_evaluation():
-    """Plate and CMM."""
+    """Plate, freed of its clamping, which is a result of its own, and CMM."""
     wanted = evaluation_json(summary_of('drift').fit)
     found = rows(tables()['deviations'])
-    for what in ('plate', 'cmm'):
+    np.testing.assert_allclose(rigid_motion(np.array(wanted['plate_freed_m']), wanted['radius_m'] * np.stack(
+        [np.cos(wanted['angle_rad']), np.sin(wanted['angle_rad']), np.zeros(wanted['n'])], axis=-1)), 0, atol=1e-15)
+    tilt = 1e6 * np.hypot(*wanted['clamping_rotation_rad'][:2])
+    assert f'tilt {tilt:.1f} µrad' in tables()['deviations'].note
+    for what in ('plate_freed', 'cmm'):
         np.testing.assert_allclose(
-            [[1e-6 * float(row[f'{what}_{axis}_um']) for axis in 'xyz'] for row in found],
+            [[1e-6 * float(row[f'{what.partition("_")[0]}_{axis}_um']) for axis in 'xyz'] for row in found],
             wanted[f'{what}_m'], rtol=1e-14, atol=0)
 
 
