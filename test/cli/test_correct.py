@@ -225,7 +225,7 @@ def test_angular_positioning_after_iso_230_2(rosette, in_senses, tmp_path):
             assert value['B'] == pytest.approx(np.abs(crz[1] - crz[-1]).max(), abs=1e-12)
             assert value['E'] == pytest.approx(np.ptp([*crz[1], *crz[-1]]), abs=1e-12)
         shown = ' '.join(rosette('evaluate', *runs, *words).out.split())
-        assert 'Angular positioning of ' in shown and 'R and A need five approaches to each angle in each sense' in shown
+        assert 'Angular positioning of ' in shown and 'R and A need five approaches to each angle in each' in shown
         assert ('need the mean of the reversal, which these runs do not tell' in shown) == (not is_known)
     value, = json.loads(rosette('evaluate', in_senses('both', 0, 4), '--joint', '--json').out)['iso_230_2']
     assert value['M'] > 0 and value['R'] is None
