@@ -109,14 +109,14 @@ def test_parameters_that_are_not_determined_are_one_line():
     parameters = [Parameter('b', 1e-6, 1e-7, 'm'), *(Parameter(f'a_{ball}_{m}', 0.0, np.inf, 'm')
                                                      for ball in (1, 2, 3) for m in (2, 3)),
                   Parameter('c', 0.0, np.inf, 'rad')]
-    table = effects([('ball_form', {'ball': 0, 'harmonic': 0, 'part': 'xy'}, parameters)], 'Effects')
+    table = effects([('ball_form', {'ball': 0, 'harmonic': 0, 'part': 'xy'}, parameters)], 'Effects', 's')
     assert [row[1:5] for row in table.rows] == [
         ('b', '+1.00', '±0.20', 'µm'), ('a_1_2 … a_3_3 (6)', '–', 'not determined', 'µm'),
         ('c', '–', 'not determined', 'µrad')]
     assert table.note == 'Not determined: cannot be told from other parameters of the model.'
     assert size_words('ball_form', parameters, {}) == (
         'b +1.00 ±0.20 µm, a_1_2 … a_3_3 (6) – not determined µm, c – not determined µrad')
-    assert not effects([('ball_form', {}, parameters[:1])], 'Effects').note
+    assert not effects([('ball_form', {}, parameters[:1])], 'Effects', 's').note
 
 
 def test_what_is_not_known_is_left_empty():
