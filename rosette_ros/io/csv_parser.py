@@ -208,7 +208,8 @@ class _Sheet:
         columns = self._read([name for name in self.columns if name != 'time_s' or moments is None], pa.float64(),
                              ',' if comma else '.')
         if moments is not None:
-            columns['time_s'], self.columns['time_s'] = pa.array(moments, pa.float64()), (self.columns['time_s'][0], 1.0)
+            columns['time_s'] = pa.array(moments, pa.float64())
+            self.columns['time_s'] = self.columns['time_s'][0], 1.0
             self.notes.append('dates with time of day were taken as seconds since the first')
         is_row = np.any([columns[name].is_valid() for name in _PLACE], axis=0)
         columns = {name: values.filter(pa.array(is_row)) for name, values in columns.items()}
