@@ -129,6 +129,8 @@ def test_the_dialogue_asks_on_a_terminal_only(monkeypatch, tmp_path, capsys):
         monkeypatch.setattr(f'sys.{stream}.isatty', lambda: True)
     assert data.asked_columns(str(path)).heading == {'radius_mm': '100'}
     assert any('[Drehwinkel [°]]' in one for one in asked)
+    told = capsys.readouterr().out
+    assert 'Enter takes what stands in [brackets], - leaves it out.' in told and 'Kugel;X;Y;Z;Drehwinkel [°]' in told
     made = data.asked_columns(str(path))
     assert read_columns(str(_written(file, format_columns(made)))) == made
     count = len(asked)
