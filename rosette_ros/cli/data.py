@@ -38,6 +38,8 @@ ASKED = {'x': 'x of the ball centre', 'y': 'y', 'z': 'z', 'ball': 'number of the
          'temperature': 'temperature, °C', 'radius_mm': 'radius of the circle of ball centres, mm',
          'frame': 'frame of the coordinates, table or machine'}
 """What is asked about a table, by entry of a map."""
+FIRST_BYTES, FIRST_LINES = 4096, 4
+"""What is shown of a table before."""
 
 
 def info_arguments(parser: ArgumentParser) -> None:
@@ -228,11 +230,14 @@ def run_import(options: Namespace) -> None:
 
 def asked_columns(path: str) -> ColumnMap | None:
     """Return what the user says about the columns of a table, None where it is a ball-centre table."""
-    found = proposal_for(read_limited(path, 'a table', MAX_BYTES), path)
+    whole = read_limited(path, 'a table', MAX_BYTES)
+    found = proposal_for(whole, path)
     if found is None:
         return None
     out = console()
-    out.print('What are the columns? Enter takes what stands in [brackets], - leaves it out.')
+    for line in whole[:FIRST_BYTES].decode(errors='replace').splitlines()[:FIRST_LINES]:
+        out.print(escape(line[:out.width]), style='dim')
+    out.print(escape('What are the columns? Enter takes what stands in [brackets], - leaves it out.'))
     given = found.entries
     for key, question in ASKED.items():
         try:

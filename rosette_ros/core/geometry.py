@@ -90,6 +90,17 @@ def rigid_motion(displacement: Floats, place: Floats) -> tuple[Floats, Floats]:
     return found[:3], found[3:]
 
 
+def clamping(plate: Floats, radius: float) -> tuple[Floats, Floats, Floats]:
+    """Return how a plate lies on the table, shift (3,), m, and rotation (3,), rad, and its deviations freed of that.
+
+    plate: deviations of the balls (n, 3), m, NaN where not known; radius: of their circle, m.
+    """
+    beta = nominal_angles(len(plate))
+    place = radius * np.stack([np.cos(beta), np.sin(beta), np.zeros(beta.size)], axis=-1)
+    shift, turn = rigid_motion(plate, place)
+    return shift, turn, np.asarray(plate - shift - np.cross(turn, place))
+
+
 @dataclass(frozen=True)
 class Frame:
     """A right-handed frame given in another: p_outer = rotation p_inner + origin.

@@ -203,6 +203,8 @@ def _circle(found: Sequence[tuple[int, Mapping[str, str]]]) -> dict[str, str]:
             ',', '.')) for axis in _AXES] for _, texts in found])
     except (ValueError, StopIteration):
         return {}
+    if not points.size or not np.abs(points).max() < 1e9:
+        return {}
     middle = points.mean(axis=0)
     radius = float(np.median(np.linalg.norm(points - middle, axis=1)))
     return {'radius_mm': f'{radius:.1f}', **({'frame': 'machine'} if np.linalg.norm(middle) > radius / 4 else {})}

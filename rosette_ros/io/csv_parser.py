@@ -62,15 +62,16 @@ _TEMPLATE = ('`rosette plan --balls 12 --radius-mm 182.5 --order diagonal --csv-
              'such a plate')
 
 
-def _since_first(cells: Sequence[str | None]) -> list[float] | None:
+def _since_first(cells: Sequence[str | None]) -> list[float | None] | None:
     """Return dates with time of day, ISO 8601 or day.month.year, in s since the first; None where they are none."""
     texts = [re.sub(r'^(\d\d?)\.(\d\d?)\.(\d{4})[ /T]+', lambda date: f'{date[3]}-{date[2]:0>2}-{date[1]:0>2} ',
                     (cell or '').strip()) for cell in cells]
-    if not texts or not re.search('[:T]', texts[0]):
+    first = next(filter(None, texts), '')
+    if not re.search('[:T]', first):
         return None
     try:
-        moments = [datetime.fromisoformat(text) for text in texts]
-        return [(moment - moments[0]).total_seconds() for moment in moments]
+        begin = datetime.fromisoformat(first)
+        return [(datetime.fromisoformat(text) - begin).total_seconds() if text else None for text in texts]
     except (ValueError, TypeError):  # none, or with and without a time zone
         return None
 
@@ -149,9 +150,9 @@ class _Sheet:
             self.notes.append(f'{other} rows of other features were passed over')
         keys = list(dict.fromkeys(key for _, texts in found for key in texts))
         if 'angle' in keys and 'table' not in keys and 'table_position' not in keys:
-            steps = int(columns.heading.get('balls', '0')) or max(int(texts.get('ball') or 0) for _, texts in found)
-            for _, texts in found:
-                with contextlib.suppress(ValueError):
+            with contextlib.suppress(ValueError, ArithmeticError, KeyError):  # what is no number is refused below
+                steps = int(columns.heading.get('balls', '0')) or max(int(texts['ball']) for _, texts in found)
+                for _, texts in found:
                     texts['table'] = str(round(float(texts['angle'].replace(',', '.')) * steps / 360) % steps + 1)
             keys.append('table')
         self.notes.append(f'columns were taken by a map: {columns.words()}')

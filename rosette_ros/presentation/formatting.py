@@ -243,6 +243,12 @@ def not_known(run: Run, gauge: Sequence[str]) -> list[str]:
             *(f'{remark[0].upper()}{remark[1:]}.' for remark in run.remarks)]
 
 
+def clamping_words(shift: Floats, turn: Floats) -> str:
+    """Return how a plate lies on the table: shift (3,), m, and rotation (3,), rad."""
+    return (f'eccentricity {fixed(1e6 * float(np.hypot(*shift[:2])), 2)} µm, height {fixed(1e6 * shift[2], 2)} µm, '
+            f'tilt {fixed(1e6 * float(np.hypot(*turn[:2])), 1)} µrad, turn {fixed(1e6 * turn[2], 1)} µrad')
+
+
 def model_words(model: 'Model') -> str:
     """Return a model as a sum of titles, fixed settings with their units, custom terms with their formula."""
     fixed_ones = [setting_words(term.name, term.fixed) if term.name in MEANINGS else term.effect.formula

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -14,9 +15,11 @@ from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import ITEMS, PARTS
 from rosette_ros.core.number_words import p_words
 from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.io.identity_file import ARC_SECOND
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import environment_words, stated_json
 from rosette_ros.presentation.error_results import TITLE, errors, errors_json
+from rosette_ros.presentation.formatting import names
 from rosette_ros.presentation.json_output import Json, by_curve, motions_json, plain
 from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
@@ -38,6 +41,10 @@ def test_result(test: SharingTest) -> str:
     return 'NOT used: the readings contradict it'
 
 
+POSITIONED = {'B': 'largest reversal', 'mean B': 'mean of the reversal', 'M': 'range of the mean of both senses',
+              'E': 'range of both senses', 'E+': 'counter-clockwise', 'E-': 'clockwise'}
+"""What ISO 230-2 means by its values."""
+NOT_POSITIONED = ('B', 'mean B', 'E')
 REVERSAL_SIGN = 'The sign is that of ISO 230-2: counter-clockwise (the positive sense) less clockwise.'
 
 
@@ -69,7 +76,21 @@ def joint_errors(result: JointResult, tolerances: Mapping[str, float] | None = N
     """Return error motions in a line each, of each table and sense; tolerances: of ranges by curve, m and rad."""
     every = joint_lines(result, tolerances, doubt_of(conclude(result)))
     return [errors(lines, TITLE.format(one.words), f'errors{place}' if place else 'errors')
-            for place, (one, _, lines) in enumerate(every)]
+            for place, (one, _, lines) in enumerate(every)] + [positioning(one) for one in result.reversals]
+
+
+def positioning(one: Reversal) -> Table:
+    """Return the values of angular positioning of a table (ISO 230-2), and what the runs do not determine."""
+    values = one.positioning
+    known = {name: value for name, value in values.items() if value is not None}
+    lacks = [f'{names(NOT_POSITIONED)} need the mean of the reversal, which these runs do not tell'] * (
+        not {*NOT_POSITIONED} <= known.keys())
+    lacks.append('R and A need five approaches to each angle in each sense, these runs have one')
+    return Table('positioning', f'Angular positioning of {one.table} (ISO 230-2)', (
+        words('value', 'value', [f'{name} {POSITIONED[name]}' for name in known]),
+        column('value_urad', 'crz', [1e6 * value for value in known.values()], partial(text.fixed, places=2), 'µrad'),
+        column('value_arcsec', '', [value / ARC_SECOND for value in known.values()], partial(text.fixed, places=3),
+               '″')), note=f'Not determined: {"; ".join(lacks)}.')
 
 
 def reversal_means(result: JointResult) -> list[Table]:
@@ -187,6 +208,7 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
         'reversal': [{'table': one.table, **motions_json(one.motions), 'p': one.p,
                       'mean': by_curve(np.where(one.is_known, one.mean, np.nan)),
                       'u_mean': by_curve(np.where(one.is_known, one.u_mean, np.nan))} for one in result.reversals],
+        'iso_230_2': [{'table': one.table, 'unit': 'rad', **one.positioning} for one in result.reversals],
         'u_coverage_factor': STANDARD, 'U_coverage_factor': text.COVERAGE_FACTOR,
         **{f'{part}{key}': value for part in ('plate', 'cmm')
            for key, value in zip(('_name', '_m', '_u_m'), result.deviations(part), strict=True)},

@@ -109,8 +109,7 @@ def test_the_next_command_has_the_model_of_the_correction(rosette, measure, tmp_
     (['--for', 'linuxcnc', '--range', '0', 'inf'], 'got --range 0 inf with --step 2; take a larger --step'),
     (['--for', 'linuxcnc', '--range', '0', '1e308'], 'wanted a table of at most 100000 lines, got --range 0 1e+308'),
     (['--step', '-3'], 'wanted a positive number'),
-    (['--step', '5'], 'correct: --step goes with --for csv, linuxcnc, sinumerik-enc, sinumerik-cec, heidenhain, '
-     'fanuc only; leave'),
+    (['--step', '5'], 'correct: --step goes with --for csv, linuxcnc, sinumerik-enc, sinumerik-cec, heidenhain, fan'),
     (['--range', '0', '90'], 'correct: --range goes with --for csv, linuxcnc only; leave it out'),
     (['-o', 'q.csv'], "--output: wanted a name for YAML with --for ros, got 'q.csv'; --for csv writes a table")])
 def test_what_cannot_be_is_refused(refused, measure, tmp_path, words, error):
@@ -206,3 +205,27 @@ def test_runs_between_the_steps_are_verified_in_the_axes_of_the_correction(roset
     assert done.code == 0
     assert 'of ctx, cty, ctz, crx, cry, crz only noise is left.' in done.out
     assert 'along x and y of table angle 0, as those of the correction.' in done.out
+
+
+def test_angular_positioning_after_iso_230_2(rosette, in_senses, tmp_path):
+    """From one run in each sense, with and without a known mean of the reversal, and from one there and back."""
+    share = tmp_path / 'share.yaml'
+    share.write_text('schema: rosette-sharing/1\nframe: shared\n')
+    runs = in_senses('fw', 1, 4), in_senses('bw', -1, 4)
+    for words, is_known in ((('--share', share), True), (('--joint',), False)):
+        told = json.loads(rosette('evaluate', *runs, *words, '--json').out)
+        value, = told['iso_230_2']
+        crz = {one['sense']: np.array(one['crz_rad']) for one in told['curves']}
+        assert value['M'] == pytest.approx(np.ptp((crz[1] + crz[-1]) / 2), abs=1e-12)
+        assert (value['E+'], value['E-']) == pytest.approx((np.ptp(crz[1]), np.ptp(crz[-1])), abs=1e-12)
+        assert (value['R'], value['A']) == (None, None)
+        assert [value[key] is not None for key in ('B', 'mean B', 'E')] == [is_known] * 3
+        if is_known:
+            assert abs(value['mean B']) == pytest.approx(6e-6, abs=4e-7)  # the width of the backlash
+            assert value['B'] == pytest.approx(np.abs(crz[1] - crz[-1]).max(), abs=1e-12)
+            assert value['E'] == pytest.approx(np.ptp([*crz[1], *crz[-1]]), abs=1e-12)
+        shown = ' '.join(rosette('evaluate', *runs, *words).out.split())
+        assert 'Angular positioning of ' in shown and 'R and A need five approaches to each angle in each' in shown
+        assert ('need the mean of the reversal, which these runs do not tell' in shown) == (not is_known)
+    value, = json.loads(rosette('evaluate', in_senses('both', 0, 4), '--joint', '--json').out)['iso_230_2']
+    assert value['M'] > 0 and value['R'] is None

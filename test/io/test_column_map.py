@@ -101,6 +101,17 @@ def test_values_without_a_measurement_are_passed_over():
         parse_csv(qif.replace('P2 Ball 1', 'P2 Ball 4').encode(), 'f', columns)
 
 
+@pytest.mark.parametrize(('change', 'words'), [
+    (('100,0012;0,0004;-0,0011;0;', '100,0012;0,0004;-0,0011;x;'), 'column table_'), (('\n1;', '\nA;'), 'column'),
+    (('-0,0011;0;28', '-0,0011;inf;28'), 'column table_'),
+    (('-0,0011;0;28.11.2026 08:00:00', '-0,0011'), 'column table_')])
+def test_cells_that_are_none_are_refused_where_they_stand(change, words):
+    """An angle, a number of a ball that is no number; a row that ends early is no reading."""
+    text = (FOREIGN / 'plain.csv').read_text().replace(*change)
+    with pytest.raises(InvalidData, match=f'p.csv: line 3: {words}'):
+        parse_csv(text.encode(), 'p.csv', read_columns(f'{MAPS["plain.csv"][0]},radius_mm=100,balls=3'))
+
+
 def test_the_dialogue_asks_on_a_terminal_only(monkeypatch, tmp_path, capsys):
     """Enter takes what is proposed, another answer counts, - leaves out; a table of our own is not asked about."""
     path, file = FOREIGN / 'plain.csv', tmp_path / 'map.yaml'
@@ -118,6 +129,8 @@ def test_the_dialogue_asks_on_a_terminal_only(monkeypatch, tmp_path, capsys):
         monkeypatch.setattr(f'sys.{stream}.isatty', lambda: True)
     assert data.asked_columns(str(path)).heading == {'radius_mm': '100'}
     assert any('[Drehwinkel [°]]' in one for one in asked)
+    told = capsys.readouterr().out
+    assert 'Enter takes what stands in [brackets], - leaves it out.' in told and 'Kugel;X;Y;Z;Drehwinkel [°]' in told
     made = data.asked_columns(str(path))
     assert read_columns(str(_written(file, format_columns(made)))) == made
     count = len(asked)

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, nominal_angles
+from rosette_ros.core.geometry import TWO_PI, clamping, nominal_angles
 from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.presentation.formatting import clamping_words
 from rosette_ros.presentation.plots.plot_style import save
-from rosette_ros.presentation.plots.result_plots import Series, deviations, freed_plate, polar_motions, six_curves
+from rosette_ros.presentation.plots.result_plots import Series, deviations, polar_motions, six_curves
 
 N = 8
 ISO = {'ctx': 'EXC', 'cty': 'EYC', 'ctz': 'EZC', 'crx': 'EAC', 'cry': 'EBC', 'crz': 'ECC'}
@@ -80,9 +81,9 @@ def test_the_plate_is_shown_as_if_it_lay_true_on_the_table():
     own = 1e-6 * np.stack([np.cos(2 * beta), -np.sin(2 * beta), np.sin(3 * beta + 0.4)], axis=-1)
     moved = own + [30e-6, 40e-6, 7e-6] + radius * np.stack(
         [-20e-6 * np.sin(beta), 20e-6 * np.cos(beta), 60e-6 * np.sin(beta)], axis=-1)
-    freed, words = freed_plate(moved, radius)
+    shift, turn, freed = clamping(moved, radius)
     np.testing.assert_allclose(freed, own, atol=1e-15)
-    assert words == 'eccentricity 50.00 µm, height 7.00 µm, tilt 60.0 µrad, turn 20.0 µrad'
+    assert clamping_words(shift, turn) == 'eccentricity 50.00 µm, height 7.00 µm, tilt 60.0 µrad, turn 20.0 µrad'
     made = deviations(np.where(np.arange(6)[:, None] == 2, np.nan, moved), own, radius)
     assert any('Removed from the plate: eccentricity' in text.get_text() for text in made.texts)
     assert made.axes[0].get_title(loc='left') == 'Ball plate, freed of eccentricity, tilt and turn'

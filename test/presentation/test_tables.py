@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from summaries import summary_of, verification_runs
 
+from rosette_ros.core.geometry import rigid_motion
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.presentation.json_output import diagnosis_json, evaluation_json
 from rosette_ros.presentation.report.verification import verification_tables, verify
@@ -48,12 +49,16 @@ def test_curves_are_those_of_the_evaluation():
 
 
 def test_deviations_are_those_of_the_evaluation():
-    """Plate and CMM."""
+    """Plate, freed of its clamping, which is a result of its own, and CMM."""
     wanted = evaluation_json(summary_of('drift').fit)
     found = rows(tables()['deviations'])
-    for what in ('plate', 'cmm'):
+    np.testing.assert_allclose(rigid_motion(np.array(wanted['plate_freed_m']), wanted['radius_m'] * np.stack(
+        [np.cos(wanted['angle_rad']), np.sin(wanted['angle_rad']), np.zeros(wanted['n'])], axis=-1)), 0, atol=1e-15)
+    tilt = 1e6 * np.hypot(*wanted['clamping_rotation_rad'][:2])
+    assert f'tilt {tilt:.1f} µrad' in tables()['deviations'].note
+    for what in ('plate_freed', 'cmm'):
         np.testing.assert_allclose(
-            [[1e-6 * float(row[f'{what}_{axis}_um']) for axis in 'xyz'] for row in found],
+            [[1e-6 * float(row[f'{what.partition("_")[0]}_{axis}_um']) for axis in 'xyz'] for row in found],
             wanted[f'{what}_m'], rtol=1e-14, atol=0)
 
 
@@ -104,14 +109,14 @@ def test_parameters_that_are_not_determined_are_one_line():
     parameters = [Parameter('b', 1e-6, 1e-7, 'm'), *(Parameter(f'a_{ball}_{m}', 0.0, np.inf, 'm')
                                                      for ball in (1, 2, 3) for m in (2, 3)),
                   Parameter('c', 0.0, np.inf, 'rad')]
-    table = effects([('ball_form', {'ball': 0, 'harmonic': 0, 'part': 'xy'}, parameters)], 'Effects')
+    table = effects([('ball_form', {'ball': 0, 'harmonic': 0, 'part': 'xy'}, parameters)], 'Effects', 's')
     assert [row[1:5] for row in table.rows] == [
         ('b', '+1.00', '±0.20', 'µm'), ('a_1_2 … a_3_3 (6)', '–', 'not determined', 'µm'),
         ('c', '–', 'not determined', 'µrad')]
     assert table.note == 'Not determined: cannot be told from other parameters of the model.'
     assert size_words('ball_form', parameters, {}) == (
         'b +1.00 ±0.20 µm, a_1_2 … a_3_3 (6) – not determined µm, c – not determined µrad')
-    assert not effects([('ball_form', {}, parameters[:1])], 'Effects').note
+    assert not effects([('ball_form', {}, parameters[:1])], 'Effects', 's').note
 
 
 def test_what_is_not_known_is_left_empty():

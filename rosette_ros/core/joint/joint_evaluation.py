@@ -62,7 +62,8 @@ class Reversal:
     """Curves counter-clockwise less clockwise of one table, m and rad, at the angles that both senses have.
 
     The sign is that of ISO 230-2 and of the effect table_backlash. mean, u_mean: (6,) over the angles; is_known: (6,)
-    whether the readings determine the mean; p: chance that noise alone makes so large a reversal.
+    whether the readings determine the mean; p: chance that noise alone makes so large a reversal; turns: (n, 2) crz
+    counter-clockwise and clockwise, rad.
     """
 
     table: str
@@ -71,6 +72,19 @@ class Reversal:
     u_mean: Floats
     is_known: tuple[bool, ...]
     p: float | None
+    turns: Floats
+
+    @property
+    def positioning(self) -> dict[str, float | None]:
+        """Values of angular positioning after ISO 230-2 from one approach to each angle in each sense, rad.
+
+        B: largest reversal; mean B; M: range of the mean of both senses; E: range of all, E+ and E-: of one sense. None
+        where the readings do not determine it: B and E need the mean of the reversal, R and A five approaches in each
+        sense."""
+        apart, known = self.motions.values[:, 5], self.is_known[5]
+        return {'B': float(np.abs(apart).max()) if known else None, 'mean B': float(self.mean[5]) if known else None,
+                'M': float(np.ptp(self.turns.mean(axis=1))), 'E': float(np.ptp(self.turns)) if known else None,
+                'E+': float(np.ptp(self.turns[:, 0])), 'E-': float(np.ptp(self.turns[:, 1])), 'R': None, 'A': None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +177,9 @@ class JointResult:
             known = np.abs(hidden.mean(axis=0)).max(axis=1, initial=0) < 1e-6
             mix = mix_a - mix_b
             mean = self._motions(np.zeros(1), (a - b).mean(axis=0)[None], mix.mean(axis=0)[None])
+            turns = np.stack([a[:, 5], b[:, 5]], axis=-1) / self.solution.model.lever
             out.append(Reversal(forwards.name, self._motions(forwards.angle, a - b, mix), mean.values[0], mean.u[0],
-                                tuple(known.tolist()), p))
+                                tuple(known.tolist()), p, turns))
         return tuple(out)
 
     def deviations(self, part: str) -> tuple[list[str], Floats, Floats]:

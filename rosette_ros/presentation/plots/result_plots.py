@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rosette_ros.core.error_summary import AxisError, error_lines, once_per_turn
-from rosette_ros.core.geometry import nominal_angles, rigid_motion
+from rosette_ros.core.geometry import clamping, nominal_angles
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, fixed, iso_name
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, clamping_words, fixed, iso_name
 from rosette_ros.presentation.plots import plot_style as style
 
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
@@ -153,10 +153,11 @@ def deviations(plate: Floats, cmm: Floats, radius: float) -> Figure:
 
     Those of the plate are freed of how it lies on the table, which is told in words."""
     made = style.figure(4.1)
-    freed, words = freed_plate(plate, radius)
+    shift, turn, freed = clamping(plate, radius)
     parts = (('Ball plate, freed of eccentricity, tilt and turn', 'ball', freed),
              ('CMM: deviation of each position', 'position', cmm))
-    made.text(0.01, 0.012, f'Removed from the plate: {words}', fontsize=style.SMALL, color=style.GREY)
+    made.text(0.01, 0.012, f'Removed from the plate: {clamping_words(shift, turn)}', fontsize=style.SMALL,
+              color=style.GREY)
     for place, (heading, what, values) in enumerate(parts):
         panel = made.add_axes((0.01 + 0.5 * place, 0.17, 0.46, 0.75))
         limit = max(1e6 * float(np.nanmax(np.abs(values[:, 2]))), LEAST_LIMIT)
@@ -165,16 +166,6 @@ def deviations(plate: Floats, cmm: Floats, radius: float) -> Figure:
         style.colour_bar(made.add_axes((0.1 + 0.5 * place, 0.14, 0.28, 0.025)), -limit, limit,
                          f'z of each {what}, µm (▲ positive, ▼ negative)', False)
     return made
-
-
-def freed_plate(plate: Floats, radius: float) -> tuple[Floats, str]:
-    """Return plate deviations (n, 3), m, less the rigid motion in them, and what that is, in words."""
-    beta = nominal_angles(len(plate))
-    place = radius * np.stack([np.cos(beta), np.sin(beta), np.zeros(beta.size)], axis=-1)
-    shift, turn = rigid_motion(plate, place)
-    words = (f'eccentricity {fixed(1e6 * float(np.hypot(*shift[:2])), 2)} µm, height {fixed(1e6 * shift[2], 2)} µm, '
-             f'tilt {fixed(1e6 * float(np.hypot(*turn[:2])), 1)} µrad, turn {fixed(1e6 * turn[2], 1)} µrad')
-    return plate - shift - np.cross(turn, place), words
 
 
 def scale_arrow(longest: float) -> float:
