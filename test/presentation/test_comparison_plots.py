@@ -122,7 +122,7 @@ def test_a_figure_is_the_same_whatever_the_matplotlibrc_says(tmp_path, settings,
         folder.mkdir(exist_ok=True)
         done = subprocess.run(
             [sys.executable, '-m', 'rosette_ros.cli.main', *'plan row --balls 4 --radius-mm 9 --figures . --format png'
-             .split()], capture_output=True, text=True, timeout=60, cwd=folder,
+             .split()], capture_output=True, text=True, timeout=300, cwd=folder,
             env={**os.environ, 'MATPLOTLIBRC': rc}, check=False)
         assert (done.returncode, done.stderr) == (0, '')
         return {path.name: path.read_bytes() for path in folder.glob('*.png')}
