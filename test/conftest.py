@@ -161,7 +161,7 @@ def make_cell():
 def wait_until():
     """Return a function that waits until a condition holds and fails where it never does."""
 
-    def wait(condition, timeout=180.0):
+    def wait(condition, timeout=300.0):
         deadline = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < deadline, f'wanted this within {timeout} s'

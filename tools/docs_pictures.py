@@ -8,7 +8,6 @@ import argparse
 import tempfile
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from playwright.sync_api import sync_playwright
 
@@ -28,7 +27,6 @@ from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.budget_results import agreement_words
 from rosette_ros.presentation.plots.budget_plots import budget_bars
 from rosette_ros.presentation.plots.plan_plots import pictures_of_plans
-from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import open_source, pictures_of, report_html
 from rosette_ros.presentation.report.run_page import budget_of
@@ -116,8 +114,7 @@ def picture_plans():
 
 def keep(figure, name):
     """Write a figure as a small PNG."""
-    with mpl.rc_context(LOOK):
-        figure.savefig(IMAGES / name, dpi=DPI, pil_kwargs={'optimize': True})
+    figure.savefig(IMAGES / name, dpi=DPI, pil_kwargs={'optimize': True})
     print(f'docs/images/{name}: {(IMAGES / name).stat().st_size / 1e3:.0f} kB')
 
 

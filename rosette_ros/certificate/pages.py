@@ -31,7 +31,6 @@ from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.formatting import CURVE_UNITS, glued
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions, contact, signer
-from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.tables import curves as values_of
 
@@ -111,7 +110,7 @@ def _fonts() -> None:
 
 def _drawn(figure: Figure) -> bytes:
     stream = io.BytesIO()
-    with mpl.rc_context({**LOOK, 'pdf.fonttype': 42}):
+    with mpl.rc_context({'pdf.fonttype': 42}):
         figure.savefig(stream, format='pdf', metadata={'CreationDate': None})
     return stream.getvalue()
 

@@ -6,7 +6,7 @@ so the same messages give the same numbers, bit for bit."""
 
 import hashlib
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from rosette_ros.core.geometry import Frame, fitted_frame, rotate_z, turned_fram
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
 from rosette_ros.io import messages
-from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, TABLE_FRAME, Answer, Phase, TableFrame, Target
+from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, TABLE_FRAME, Answer, Phase, Rows, TableFrame, Target
 from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_run
 
 MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
@@ -47,8 +47,8 @@ class RunAnswers:
     def __init__(self, run_id: str, frames: list[TableFrame] | None = None) -> None:
         self.run_id = run_id
         self.frames: list[TableFrame] = [] if frames is None else frames
-        self.targets, self.answers = list[Target](), list[Answer]()
-        self._last, self._by_seq = dict[int, Target](), dict[int, tuple[Answer, ...]]()
+        self.targets, self.answers = Rows(Target), Rows(Answer)
+        self._last, self._by_seq = dict[int, int](), dict[int, tuple[int, ...]]()  # rows of these by seq
         self._answers_in, self._answered_in = dict.fromkeys(FRAMES, 0), {name: set[int]() for name in FRAMES}
         self.dropped, self._early, self._earlier = 0, 0, tuple[TableFrame, ...]()
 
@@ -57,22 +57,22 @@ class RunAnswers:
         if not self.targets:
             self._earlier = tuple(self.frames)
         self.targets.append(target)
-        seq, before = target.seq, self._last.get(target.seq)
+        seq, before = target.seq, self.last_target(target.seq)
         self._early -= 0 if before else len(self._by_seq.get(seq, ()))
         if before is None or _when_asked(target) >= _when_asked(before):
-            self._last[seq] = target
+            self._last[seq] = len(self.targets) - 1
             for name, answered in self._answered_in.items():
                 (answered.add if self._usable(seq, (name,)) else answered.discard)(seq)
 
     def add_answer(self, answer: Answer) -> None:
         """Take an answer of this run."""
-        target = self._last.get(answer.seq)
+        target = self.last_target(answer.seq)
         if self._is_too_many(answer, target):
             self.dropped += 1
             return
         self._early += target is None
         self.answers.append(answer)
-        self._by_seq[answer.seq] = (*self._by_seq.get(answer.seq, ()), answer)
+        self._by_seq[answer.seq] = (*self._by_seq.get(answer.seq, ()), len(self.answers) - 1)
         if answer.frame in FRAMES and answer.status == messages.STATUS_OK:
             self._answers_in[answer.frame] += 1
             if target is not None and answer.is_usable_for(target):
@@ -111,42 +111,57 @@ class RunAnswers:
 
     def with_centres(self, centres: Mapping[int, tuple[float, float, float]]) -> 'RunAnswers':
         """Return the run with other centres, by seq, of the answers that count."""
-        changed, counting = RunAnswers(self.run_id, self.frames), {id(answer) for _, answer in self.counting()}
+        changed, counting = RunAnswers(self.run_id, self.frames), {self._counting_row(seq) for seq in self._last}
         for target in self.targets:
             changed.add_target(target)
-        for answer in self.answers:
-            is_changed = id(answer) in counting and answer.seq in centres
+        for row, answer in enumerate(self.answers):
+            is_changed = row in counting and answer.seq in centres
             changed.add_answer(answer._replace(centre=centres[answer.seq]) if is_changed else answer)
         changed._earlier = self._earlier
         return changed
 
     def last_target(self, seq: int) -> Target | None:
         """Return a target as it was asked last, None where it was not."""
-        return self._last.get(seq)
+        return self.targets[self._last[seq]] if seq in self._last else None
+
+    def _asked(self) -> Iterator[Target]:
+        """Yield the targets as they were asked last."""
+        return (self.targets[row] for row in self._last.values())
 
     @property
     def session(self) -> int:
         """The last session of the run, 0 before the first target."""
-        return max((target.session for target in self._last.values()), default=0)
+        return max((target.session for target in self._asked()), default=0)
 
-    def _usable(self, seq: int, frames: Collection[str] = ()) -> list[Answer]:
-        target, frames = self._last.get(seq), frames or self.in_frames
-        return [answer for answer in self._by_seq.get(seq, ())
-                if target and answer.frame in frames and answer.is_usable_for(target)]
+    def _usable(self, seq: int, frames: Collection[str] = ()) -> dict[int, Answer]:
+        """Return the answers that may count for a target, by their rows."""
+        target, frames = self.last_target(seq), frames or self.in_frames
+        return {row: answer for row in self._by_seq.get(seq, ()) if target and (answer := self.answers[row]).frame
+                in frames and answer.is_usable_for(target)}
+
+    def _counting_row(self, seq: int) -> int | None:
+        """Return the row of the answer that counts for a target, None where there is none."""
+        usable, target = self._usable(seq), self.last_target(seq)
+        return next((row for row, one in usable.items() if target and one.stamp_ns >= target.stamp_ns),
+                    next(iter(usable), None))
 
     def answer_to(self, seq: int) -> Answer | None:
         """Return the answer that counts for a target, None where there is none."""
-        usable = self._usable(seq)
-        return next((one for one in usable if one.stamp_ns >= self._last[seq].stamp_ns), next(iter(usable), None))
+        row = self._counting_row(seq)
+        return None if row is None else self.answers[row]
 
     def failed(self) -> list[Target]:
         """Return the targets that were answered, but by no answer that counts, in order of seq."""
-        return [self._last[seq] for seq in sorted(self._last) if self._by_seq.get(seq) and seq not in self._answered]
+        return [self.targets[self._last[seq]] for seq in sorted(self._last)
+                if self._by_seq.get(seq) and seq not in self._answered]
 
     def counting(self) -> list[tuple[Target, Answer]]:
         """Return the pairs that count, in order of seq."""
-        pairs = ((self._last[seq], self.answer_to(seq)) for seq in sorted(self._last))
-        return [(target, answer) for target, answer in pairs if answer is not None]
+        return list(self._pairs())
+
+    def _pairs(self) -> Iterator[tuple[Target, Answer]]:
+        return ((self.targets[self._last[seq]], answer) for seq in sorted(self._last)
+                if (answer := self.answer_to(seq)) is not None)
 
     @property
     def answered(self) -> int:
@@ -155,15 +170,15 @@ class RunAnswers:
 
     def counts(self) -> dict[Phase, tuple[int, int]]:
         """Return (asked, answered) targets of each phase that was asked."""
-        asked = Counter(target.phase for target in self._last.values())
-        answered = Counter(self._last[seq].phase for seq in self._answered)
+        asked = Counter(target.phase for target in self._asked())
+        answered = Counter(self.targets[self._last[seq]].phase for seq in self._answered)
         return {phase: (asked[phase], answered[phase]) for phase in Phase if phase in asked}
 
     @property
     def readings_hash(self) -> str:
         """SHA-256 of the answers that count and what they answer, hex."""
         found, before = hashlib.sha256(b'['), ''
-        for target, answer in self.counting():
+        for target, answer in self._pairs():
             part = (int(target.phase), target.session, target.balls, float(target.radius), answer._replace(text=''))
             found.update(f'{before}{part}'.encode())
             before = ', '
@@ -182,7 +197,7 @@ class RunAnswers:
         counts = dict.fromkeys(('failed', 'to no target', 'with another ball than asked', 'without finite numbers',
                                 other_frame, 'repeated'), 0)
         for answer in self.answers:
-            target = self._last.get(answer.seq)
+            target = self.last_target(answer.seq)
             if answer.status != messages.STATUS_OK:
                 counts['failed'] += 1
             elif target is None:
@@ -232,7 +247,7 @@ class RunAnswers:
 
         A CMM that answers in the table frame was sent to the balls of the alignment by the taught pose."""
         if self.is_in_table_frame:
-            asked = [one for one in self._last.values()
+            asked = [one for one in self._asked()
                      if one.phase == Phase.ALIGNMENT and messages.short_frame(one.frame_id) == MACHINE_FRAME]
             if len(asked) >= LEAST_TAUGHT and asked[0].balls >= 3:
                 n, radius = asked[0].balls, asked[0].radius
@@ -300,7 +315,7 @@ class RunAnswers:
     def _repeated(self) -> list[Floats]:
         """Return the readings of phase REPEATABILITY less their mean, (m, 3) of each ball."""
         places: dict[tuple[int, int], list[tuple[float, float, float]]] = {}
-        for target, answer in self.counting():
+        for target, answer in self._pairs():
             if target.phase == Phase.REPEATABILITY:
                 places.setdefault((target.table_position, target.ball), []).append(answer.centre)
         with np.errstate(over='ignore', invalid='ignore'):
@@ -316,7 +331,7 @@ class RunAnswers:
         Raises InvalidData where no ball centre is left, targets contradict each other, a frame is unknown, or a ball
         centre is nearer to another ball's place than to its own."""
         n, radius = self._plate(source)
-        pairs = [pair for pair in self.counting() if pair[0].phase == Phase.RUN]
+        pairs = [pair for pair in self._pairs() if pair[0].phase == Phase.RUN]
         if not pairs:
             unused = ', '.join(f'{count} {reason}' for reason, count in self.unused().items() if count)
             raise InvalidData(f'{source}: wanted ball centres of run {self.run_id!r}, got none that counts'
@@ -359,11 +374,11 @@ class RunAnswers:
         n = targets[0].balls
         if n < 3 or len(targets) >= n**2:
             return {}
-        if all(one.phase == Phase.RUN and one.seq in self._answered for one in self._last.values()):
+        if all(one.phase == Phase.RUN and one.seq in self._answered for one in self._asked()):
             table_position, ball = np.array([(one.table_position, one.ball) for one in targets]).T
             centre = np.zeros((len(targets), 3))
             return {'unrecorded': Run(n, 1.0, table_position, ball, centre, repeats=True).unrecorded}
-        went = sorted(self._last.values(), key=lambda one: (
+        went = sorted(self._asked(), key=lambda one: (
             one.session, (self.answer_to(one.seq) or one).stamp_ns, one.seq))
         place = {one.seq: row for row, one in enumerate(went)}
         position, ball, approach = np.array([(one.table_position, one.ball, one.approach) for one in went]).T
@@ -374,8 +389,8 @@ class RunAnswers:
     def remarks(self) -> tuple[str, ...]:
         """What is wrong with the answers, in words: two to one target that was asked once, mistakes of the CMM."""
         sessions = Counter(seq for seq, _ in {(target.seq, target.session) for target in self.targets})
-        several = ((target, [one.centre for one in self._usable(seq)]) for seq, target in self._last.items()
-                   if target.attempt == sessions[seq] == 1 and len(self._by_seq.get(seq, ())) > 1)
+        several = ((target, [one.centre for one in self._usable(target.seq).values()]) for target in self._asked()
+                   if target.attempt == sessions[target.seq] == 1 and len(self._by_seq.get(target.seq, ())) > 1)
         apart = {str(target): float(np.ptp(each, axis=0).max()) for target, each in several if len({*each}) > 1}
         return (*remark_on_two_answers(apart), *remarks_on_answers(self.counting()))
 

@@ -4,7 +4,7 @@
 import math
 from array import array
 from collections.abc import Iterable, Sequence
-from itertools import chain, repeat
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -93,10 +93,10 @@ def block_scheme(message: msg.Block, n: int) -> Scheme | None:
 def run_message(answers: RunAnswers, frames: list[TransformStamped], stamp: Time) -> msg.Run:
     """Return the Run message of all targets and answers of a run and its table frames."""
     made = msg.Run(header=Header(stamp=stamp), run_id=answers.run_id, frames=frames)
-    for kind, rows in (('target', answers.targets), ('answer', answers.answers)):
-        for name, column in zip(rows[0]._fields, zip(*rows, strict=True), strict=True) if rows else ():
-            if name != 'run_id':
-                setattr(made, f'{kind}_{name}', [*chain.from_iterable(column)] if name in _POINTS else list(column))
+    for target in Target._fields[1:]:  # without run_id
+        setattr(made, f'target_{target}', answers.targets.column(target))
+    for answer in Answer._fields[1:]:
+        setattr(made, f'answer_{answer}', answers.answers.column(answer))
     return made
 
 

@@ -129,8 +129,8 @@ def deviations(fit: Fit) -> Table:
                                   footer=(f'±{text.fixed(float(np.nanmax(expanded)), digits)}',) * alike))
     columns += [column(f'u_{key}_{axis}_um', '', 1e6 * u[:, place])
                 for key, _, _, u in parts for place, axis in enumerate(AXES)]
-    return Table('deviations', f'Ball centre deviations and CMM measurement errors at the probing positions; {EXPANDED}',
-                 tuple(columns), note='Clamping of the plate, which is not in its deviations: '
+    return Table('deviations', f'Ball centre deviations and CMM measurement errors at the probing positions; '
+                 f'{EXPANDED}', tuple(columns), note='Clamping of the plate, which is not in its deviations: '
                  f'{text.clamping_words(shift, turn)}.')
 
 

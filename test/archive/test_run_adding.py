@@ -352,7 +352,7 @@ def test_a_killed_worker_costs_time_only(logs, filled, tmp_path):
             if added.new == 2:
                 started[1].send_signal(signal.SIGKILL)
         with DaskEngine(address) as engine:
-            engine.client.wait_for_workers(2, timeout=120)
+            engine.client.wait_for_workers(2, timeout=300)
             added = add_logs(archive, find_logs([str(more)]), engine, on_progress=kill)
         assert (added.evaluated, added.problems, started[1].wait(60)) == (6, 0, -signal.SIGKILL)
     finally:

@@ -138,7 +138,7 @@ def test_an_environment_of_others_is_told_in_one_line(tmp_path, name, value, ver
     (tmp_path / 'dask' / 'x.yaml').write_text('distributed: [')
     paths = {'rclpy': os.pathsep.join([str(tmp_path / 'other'), *sys.path]), 'dask': str(tmp_path / 'dask')}
     done = subprocess.run([sys.executable, '-m', 'rosette_ros.cli.main', *verb], capture_output=True, text=True,
-                          timeout=60, cwd=tmp_path, env={**os.environ, name: paths.get(value, value)}, check=False)
+                          timeout=300, cwd=tmp_path, env={**os.environ, name: paths.get(value, value)}, check=False)
     if value == 'rmw_cyclonedds_cpp' and 'no cell' in done.stderr:
         pytest.skip('it is installed')
     assert done.returncode == 2, done.stderr

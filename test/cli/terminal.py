@@ -38,7 +38,7 @@ class Terminal:
         """Press keys."""
         os.write(self._own, keys.encode())
 
-    def wait_for(self, words, timeout=180.0):
+    def wait_for(self, words, timeout=300.0):
         """Read until words stand on the screen; return what stands after the last call."""
         begin, deadline = len(self.screen), time.monotonic() + timeout
         while words not in self.screen[begin:]:
@@ -46,7 +46,7 @@ class Terminal:
             assert self._read(), f'wanted {words!r} before the end, got {self.screen[-2000:]}'
         return self.screen[begin:]
 
-    def end(self, keys='', timeout=60.0):
+    def end(self, keys='', timeout=300.0):
         """Read until the program has ended; return its exit code.
 
         keys: pressed until it has, as a person does: a signal that comes between two instructions of Python's input()

@@ -23,7 +23,7 @@ from rosette_ros.words.verdict_words import verdict_text
 pytestmark = pytest.mark.long
 
 COMMAND = (sys.executable, '-m', 'rosette_ros.cli.main')
-TIMEOUT = 240
+TIMEOUT = 300
 BALLS, REPEATS = 6, 3
 SILENT = {'kind': 'silent', 'at': [REPEATS + 2 * BALLS + 1], 'always': True}
 """The first target of the run has no answer: it is still on when it is cancelled."""

@@ -33,13 +33,13 @@ def test_it_serves_until_it_is_ended(tmp_path, number, code):
             subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
         stack.callback(server.kill)
         port = int(re.search(r'127\.0\.0\.1:(\d+): the simulated machine; 12 balls', server.stdout.readline())[1])
-        client = stack.enter_context(socket.create_connection(('127.0.0.1', port), timeout=60))
+        client = stack.enter_context(socket.create_connection(('127.0.0.1', port), timeout=300))
         client.sendall(b'00001 StartSession()\r\n')
         lines = client.makefile('rb')
         assert [lines.readline(), lines.readline()] == [b'00001 &\r\n', b'00001 %\r\n']
         assert load_dme_settings(settings).server.port == port
         server.send_signal(number)
-        out, err = server.communicate(timeout=60)
+        out, err = server.communicate(timeout=300)
         assert server.returncode == code
         traced = out.replace('Ctrl-C ends it.\n', '')  # printed by another thread, at any line
         assert '< 00001 StartSession()\n> 00001 &\n> 00001 %\n' in traced

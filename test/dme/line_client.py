@@ -9,7 +9,7 @@ class LineClient:
     """A connection; lines: all that came, without CR LF."""
 
     def __init__(self, port):
-        self._socket = socket.create_connection(('127.0.0.1', port), timeout=60)
+        self._socket = socket.create_connection(('127.0.0.1', port), timeout=300)
         self._file = self._socket.makefile('rb')
         self._tag, self.lines = 0, []
 

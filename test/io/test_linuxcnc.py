@@ -124,7 +124,7 @@ def test_motor_and_table_turn_to_the_corrected_angles(tmp_path):
         Path(folder).chmod(0o777)
         root = {'RTAPI_UID': '65534', 'RTAPI_FIFO_PATH': f'{folder}/fifo'} if os.geteuid() == 0 else {}
         done = subprocess.run(['linuxcnc', '-r', 'machine.ini'], cwd=tmp_path, capture_output=True, text=True,
-                              env={**plain, 'HOME': str(tmp_path), **root}, timeout=180, check=False)
+                              env={**plain, 'HOME': str(tmp_path), **root}, timeout=300, check=False)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     wanted, motor, table = np.loadtxt(tmp_path / 'seen.txt', unpack=True)
     assert wanted.tolist() == [*ANGLES]

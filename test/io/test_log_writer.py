@@ -239,7 +239,7 @@ def test_full_disk_ends_with_words_and_a_readable_log(tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
     done = subprocess.run([sys.executable, '-Bc', SCRIPT, str(tmp_path / 'log'), '0.002'],
-                          capture_output=True, text=True, preexec_fn=limit, timeout=60)
+                          capture_output=True, text=True, preexec_fn=limit, timeout=300)
     last = done.stdout.splitlines()[-1]
     assert last.startswith('CellError'), done.stderr
     assert 'cannot write the log: File too large; what was recorded until the last flush' in last

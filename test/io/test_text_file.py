@@ -56,7 +56,7 @@ def test_nothing_waits_for_a_pipe(tmp_path, kind):
     """In the place of a file of settings, a table, a log: refused at once, in a line each."""
     path = tmp_path / 'given.yaml'
     os.mkfifo(path) if kind == 'pipe' else path.symlink_to('/dev/zero')
-    done = subprocess.run([sys.executable, '-c', READERS, path], capture_output=True, text=True, timeout=120,
+    done = subprocess.run([sys.executable, '-c', READERS, path], capture_output=True, text=True, timeout=300,
                           check=True)
     lines = done.stdout.splitlines()
     assert len(lines) == 11
@@ -151,7 +151,7 @@ def test_a_full_disk_leaves_the_old_files_and_no_part_of_new_ones(tmp_path, word
     (tmp_path / 'a.csv').write_text('old')
     before = content(tmp_path)
     done = subprocess.run([sys.executable, '-Bc', COMMAND, *map(str, words), '--force'], capture_output=True,
-                          text=True, cwd=tmp_path, timeout=100, check=False,
+                          text=True, cwd=tmp_path, timeout=300, check=False,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300)))
     assert done.returncode == 2, done.stderr
     assert 'cannot be written: File too large' in done.stderr

@@ -19,7 +19,7 @@ def _limited(*words):
         resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
 
     return subprocess.run([sys.executable, '-Bc', COMMAND, *map(str, words)], capture_output=True, text=True,
-                          preexec_fn=limit, timeout=60, check=False)
+                          preexec_fn=limit, timeout=300, check=False)
 
 
 def test_a_log_that_is_there_stays_whatever_comes(tmp_path):

@@ -233,7 +233,7 @@ def test_a_second_node_of_a_role_ends_and_disturbs_nothing(cell, client, undistu
             env=cell_environment(module_domain_id), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True))
 
     outcome, told = disturbed_run(client, cell, join, None, None, f'{WAIT}\nrepeats: 30')
-    _, said = seconds[0].communicate(timeout=60)
+    _, said = seconds[0].communicate(timeout=300)
     where = f'process {cell.processes[name].popen.pid} on {socket.gethostname()}'
     assert (seconds[0].returncode, [line for line in said.splitlines() if not line.startswith('[')]) == (2, [
         f'{name}: wanted no other {name} in the namespace /rosette of this domain, got {where}, which runs; end that '

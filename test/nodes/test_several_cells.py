@@ -66,7 +66,7 @@ class Place:
     def calibrate(self, order):
         """Run one calibration."""
         with CellClient(self.cell.domain_id, self.cell.namespace) as client:
-            return client.calibrate(order, check=self.cell.check, timeout=120)
+            return client.calibrate(order, check=self.cell.check, timeout=300)
 
 
 def at_the_same_time(places):
@@ -198,7 +198,7 @@ def test_rosette_cell_takes_the_namespace(domain_id, tmp_path, wait_until):
         wait_until(lambda: 'Ctrl-C ends the cell' in output.read_text() or process.poll() is not None)
         assert f'rosette calibrate --domain {domain_id} --namespace cell2' in output.read_text()
         with CellClient(domain_id, 'cell2') as client:
-            outcome = client.calibrate(timeout=120)
+            outcome = client.calibrate(timeout=300)
         assert off_the_truth(outcome.log, FIRST) < 1.8
         assert {topic.name for topic in read_log(outcome.log).topics} >= {'/cell2/tf_static', '/cell2/clock'}
         process.send_signal(signal.SIGTERM)

@@ -115,7 +115,7 @@ def test_what_it_cannot_run_with_is_refused(module_domain_id, file, parameters, 
     given = {'correction': str(file), **parameters} if parameters else {}
     outcome = subprocess.run(
         [*NODE, *(part for name, value in given.items() for part in ('-p', f'{name}:={value}'))],
-        env=cell_environment(module_domain_id), capture_output=True, text=True, timeout=60, check=False)
+        env=cell_environment(module_domain_id), capture_output=True, text=True, timeout=300, check=False)
     assert outcome.returncode == 2
     assert words in outcome.stderr
     assert len(outcome.stderr.splitlines()) == 1
@@ -124,6 +124,6 @@ def test_what_it_cannot_run_with_is_refused(module_domain_id, file, parameters, 
 def test_arguments_that_ros_does_not_know_are_refused(module_domain_id):
     """By every node, in a line."""
     outcome = subprocess.run([*NODE, '--nonsense'], env=cell_environment(module_domain_id), capture_output=True,
-                             text=True, timeout=60, check=False)
+                             text=True, timeout=300, check=False)
     assert outcome.returncode == 2
     assert outcome.stderr == ("table_corrector: ROS refuses the arguments or the environment: ['--nonsense']\n")

@@ -24,7 +24,7 @@ def test_wrong_start_is_one_line_and_exit_code_2(domain_id, module, args, words)
     """The node's own line is the last one; rcl may have said something before."""
     done = subprocess.run(
         [sys.executable, '-m', f'rosette_ros.nodes.{module}', '--ros-args', *args],
-        env=cell_environment(domain_id), capture_output=True, text=True, timeout=60, check=False)
+        env=cell_environment(domain_id), capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 2, done.stderr
     own = [line for line in done.stderr.splitlines() if line.startswith(module.removeprefix('simulated_'))]
     assert len(own) == 1, done.stderr
@@ -48,7 +48,7 @@ def test_a_section_of_a_parameter_file_that_matches_no_node_is_refused(domain_id
                '--params-file', str(path)]
     with subprocess.Popen(command, env={**cell_environment(domain_id), names.PARENT_PID: '1'},  # ends at once
                           cwd=tmp_path, stderr=subprocess.PIPE, text=True) as node:
-        said = node.communicate(timeout=60)[1]
+        said = node.communicate(timeout=300)[1]
     assert node.returncode == (2 if words else 0), said
     assert said.strip().splitlines()[-1].startswith(f'recorder: {path}: section') == bool(words)
     assert words is None or words in said

@@ -4,11 +4,10 @@
 from itertools import combinations
 from unittest import mock
 
-import matplotlib as mpl
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from rosette_ros.presentation.plots.plot_style import LOOK, SMALL
+from rosette_ros.presentation.plots.plot_style import SMALL
 
 APART = 2.0
 """Least distance of texts in a line, pixels of 1/100 inch."""
@@ -17,7 +16,7 @@ APART = 2.0
 def texts_of(made):
     """Return (text, box in pixels, size in points) of every text that is drawn."""
     drawn = []
-    with mpl.rc_context(LOOK), mock.patch.object(Text, 'draw', lambda text, _: drawn.append(text)):
+    with mock.patch.object(Text, 'draw', lambda text, _: drawn.append(text)):
         made.draw_without_rendering()
         return [(one.get_text(), one.get_window_extent(), one.get_fontsize()) for one in drawn
                 if one.get_visible() and one.get_text().strip()]
@@ -26,7 +25,7 @@ def texts_of(made):
 def faults(made):
     """Return in words what is wrong, nothing where all can be read."""
     texts = texts_of(made)
-    panels = [panel.bbox for panel in made.axes if panel.get_visible() and panel.axison]
+    panels = [panel.bbox for panel in made.axes if panel.get_visible() and panel.axison and panel.name != 'polar']
     out = [f'{text}: beyond the figure' for text, box, _ in texts
            if box.x0 < 0 or box.y0 < 0 or box.x1 > made.bbox.x1 or box.y1 > made.bbox.y1]
     out += [f'{text}: {size} points' for text, _, size in texts if size < SMALL]

@@ -132,7 +132,7 @@ def test_arrows_have_the_scale_that_is_written_beside_them():
     plate = 2e-5 * rng.standard_normal(24)
     plate = (plate - moves @ np.linalg.lstsq(moves, plate)[0]).reshape(8, 3)
     made = deviations(plate, cmm, 0.1825)
-    for panel, values in zip((made.axes[0], made.axes[2]), (plate, cmm), strict=True):
+    for panel, values in zip(made.axes[:2], (plate, cmm), strict=True):
         arrows = [one for one in panel.collections if isinstance(one, Quiver)]
         field = next(one for one in arrows if one.N == 8)
         np.testing.assert_allclose(np.stack([field.U, field.V], axis=1), 1e6 * values[:, :2])
@@ -155,13 +155,13 @@ def test_no_arrow_crosses_a_number(n):
     for turn in np.deg2rad([0, 20, 45, 70, 90]):
         cmm = 1e-6 * np.stack([-np.cos(beta + turn), -np.sin(beta + turn), 0 * beta], axis=1)
         made = deviations(cmm, cmm, 0.1825)
-        field = next(one for one in made.axes[2].collections if isinstance(one, Quiver))
+        field = next(one for one in made.axes[1].collections if isinstance(one, Quiver))
         ends = field.XY + np.stack([field.U, field.V], axis=1) / field.scale
         along = np.linspace(field.XY, ends, 50).reshape(-1, 2)
-        numbers = [box for text, box, _ in texts_of(made) if text.isdigit() and made.axes[2].bbox.contains(*box.p0)]
+        numbers = [box for text, box, _ in texts_of(made) if text.isdigit() and made.axes[1].bbox.contains(*box.p0)]
         assert len(numbers) >= 6
         assert not any(box.padded(2).contains(*point) for box in numbers
-                       for point in made.axes[2].transData.transform(along))
+                       for point in made.axes[1].transData.transform(along))
     assert faults(made) == []
 
 

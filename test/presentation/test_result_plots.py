@@ -109,10 +109,11 @@ def test_polar_plots_have_the_reference_circle(motions):
     panel = polar_motions(replace(motions, values=motions.values * 0 + 1e-6 * (1 + 2 * wave)[:, None])).axes[0]
     [circle] = [line for line in panel.lines if line.get_linestyle() == '--']
     [base] = [line for line in panel.lines if line.get_linewidth() == 0.9]
-    x, y = circle.get_data()
+    (turn, radius), around = circle.get_data(), base.get_ydata()[0]
+    x, y = radius * np.cos(turn), radius * np.sin(turn)
     centre = np.array([(x.max() + x.min()) / 2, (y.max() + y.min()) / 2])
     assert np.arctan2(*centre[::-1]) == pytest.approx(0.5, abs=0.01)
-    assert 2 * (np.ptp(x) / 2 - np.ptp(base.get_xdata()) / 2) == pytest.approx(np.hypot(*centre), rel=0.01)
+    assert 2 * (np.ptp(x) / 2 - around) == pytest.approx(np.hypot(*centre), rel=0.01)
 
 
 @pytest.mark.parametrize(('ending', 'begin'), [('png', b'\x89PNG'), ('svg', b'<?xml')])

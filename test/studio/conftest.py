@@ -18,7 +18,7 @@ from rosette_ros.simulation import Machine, MachineConfig
 
 BALLS = 6
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}
-TIMEOUT = 180_000
+TIMEOUT = 300_000
 """Longest time that the page may take for anything, ms; a busy computer must not fail a test."""
 expect.set_options(timeout=TIMEOUT)
 

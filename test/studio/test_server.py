@@ -25,7 +25,7 @@ MOST_KEPT = 60
 
 def send(address, request):
     """Return the first line of the answer to the bytes of a request."""
-    with socket.create_connection(('127.0.0.1', urlsplit(address).port), timeout=60) as connection:
+    with socket.create_connection(('127.0.0.1', urlsplit(address).port), timeout=300) as connection:
         connection.sendall(request)
         answer = b''.join(iter(lambda: connection.recv(1 << 16), b''))
     return answer.partition(b'\r\n')[0].decode()

@@ -422,7 +422,7 @@ try:
 except (Superseded, WorkerFailed):
     print('ended')
 """
-    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=False, timeout=300)
     assert (done.stdout, done.stderr, done.returncode) == ('ended\n', '', 0)
 
 

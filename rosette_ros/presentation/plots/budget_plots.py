@@ -18,7 +18,7 @@ LOOKS: dict[str, dict[str, Any]] = {'A': {'facecolor': style.COLOURS[0], 'edgeco
          'combined': {'facecolor': style.INK, 'edgecolor': style.INK}}
 LABELS = {'A': 'type A: by statistics', 'B': 'type B: other knowledge', 'bound': 'bound of hidden effects',
           'combined': 'combined u'}
-LEFT, LABEL_LENGTH = 0.275, 34
+LABEL_LENGTH = 34
 LEAST = 0.005
 """Share of the longest bar below which none is drawn."""
 
@@ -30,24 +30,22 @@ def budget_bars(made: Budget, found: MonteCarlo | None = None) -> Figure:
     kinds = [*('bound' if one.is_bound else one.kind for one in lines), 'combined']
     values = 1e6 * np.vstack([*(one.mean for one in lines), made.mean])
     rows, height = len(names), 2 * (0.155 * len(names) + 0.52)
-    figure = style.figure(height, left=LEFT, right=0.985, bottom=0.28 / height, top=1 - 0.26 / height, wspace=0.2,
-                          hspace=0.62 / (0.155 * rows + 0.1))
-    panels, curves = style.panels(figure, 2, 3), text.curve_names(made.fit.run.rotation)
+    figure, panels = style.figure(height, 2, 3)
+    curves = text.curve_names(made.fit.run.rotation)
     for place, panel in enumerate(panels.flat):
         top = float(values[:, place].max()) or 1.0
         for row, kind in enumerate(kinds):
             if values[row, place] >= LEAST * top:
                 panel.barh(row, values[row, place], height=0.72, **LOOKS[kind])
                 digits, gap = text.decimals(float(values[row, place])), 0.05 if found and kind == 'combined' else 0.02
-                panel.text(values[row, place] + gap * top, row, text.fixed(values[row, place], digits), va='center',
-                           fontsize=style.SMALL, color=style.INK)
+                panel.text(values[row, place] + gap * top, row, text.fixed(values[row, place], digits), va='center')
         if found:
             panel.plot([1e6 * found.agreements[place].found], [rows - 1], marker='D', markersize=4.5,
                        markerfacecolor='white', markeredgecolor=style.BEFORE, linestyle='none', zorder=6)
         panel.set_xlim(0, 1.4 * top)
         panel.set_ylim(rows - 0.4, -0.6)
         style.scale(panel, None, {row: names[row] for row in range(rows)}, 'x', 'xy' if place % 3 == 0 else 'x', (3, 3))
-        style.title(panel, f'{curves[place]} / {text.CURVE_UNITS[place]}', fontsize=style.TEXT)
+        panel.set_title(f'{curves[place]} / {text.CURVE_UNITS[place]}')
         panel.axhline(rows - 1.5, color=style.GREY, linewidth=0.7)
     shown = [kind for kind in LOOKS if kind in kinds]
     handles: list[object] = [Patch(**LOOKS[kind]) for kind in shown]

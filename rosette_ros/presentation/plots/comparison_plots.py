@@ -31,7 +31,7 @@ LONGEST_NAME = 28
 def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof: float | None = None) -> Figure:
     """Return a figure: residuals of nested models by fit and cross-validation, µm; repeatability: m, band by dof."""
     rows = np.arange(len(steps))
-    made, panel = _rows(len(steps), 0.45, 0.5)
+    made, [[panel]] = style.figure(0.45 * len(steps) + 0.5)
     fitted = np.array([1e6 * step.fit.rms for step in steps])
     validated = np.array([1e6 * step.cross_validation for step in steps])
     for sizes, offset, colour, hatch, label in ((fitted, -BAR / 2, style.AFTER, '', 'residual of the fit'),
@@ -39,7 +39,7 @@ def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof:
         panel.barh(rows + offset, sizes, BAR, color=colour, label=label, hatch=hatch, edgecolor='white', linewidth=0)
         for row, size in zip(rows, sizes, strict=True):
             panel.annotate(f'{size:.3f}', (size, row + offset), (4, 0), textcoords='offset points', va='center',
-                           fontsize=style.SMALL, color=style.INK, bbox=style.BEHIND)
+                           bbox=style.BEHIND)
     known = 1e6 * (repeatability or 0.0)
     if repeatability is not None:
         spread = 2 * known / np.sqrt(2 * dof) if dof else 0.0
@@ -47,7 +47,8 @@ def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof:
         panel.axvline(known, color=style.INK, linewidth=1.6, linestyle=style.DASHED,
                       label=f'repeatability, {known:.3f} µm')
     panel.set_xlim(0, 1.13 * max(*fitted, *validated, known, 1e-9))
-    _finish(made, panel, nested_names(steps), 'residual of a coordinate in µm (rms)')
+    _name_rows(panel, nested_names(steps), 'residual of a coordinate in µm (rms)', None, len(steps))
+    style.legend_of(made, [panel])
     return made
 
 
@@ -56,7 +57,7 @@ def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure
     rows = np.arange(len(every))
     before = np.array([1e6 * one.cross_validation_before for one in every])
     after = np.array([1e6 * one.cross_validation_after for one in every])
-    made, panel = _rows(len(every), 0.24, 0.5)
+    made, [[panel]] = style.figure(0.24 * len(every) + 0.5)
     panel.hlines(rows, np.minimum(before, after), np.maximum(before, after), color='#bbbbbb', linewidth=3)
     panel.plot(before, rows, linestyle='none', marker='o', markersize=6, color=style.BEFORE,
                markerfacecolor='white', markeredgewidth=1.6, label='without it')
@@ -67,7 +68,8 @@ def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure
                        color=style.AFTER if chosen else style.GREY, label=label)
     if noise is not None:
         panel.axvline(1e6 * noise, color=style.INK, linewidth=1.4, linestyle=style.DASHED, label='repeatability')
-    _finish(made, panel, [one.effect for one in every], f'{CROSS_VALIDATION} in µm (rms)')
+    _name_rows(panel, [one.effect for one in every], f'{CROSS_VALIDATION} in µm (rms)', None, len(every))
+    style.legend_of(made, [panel])
     return made
 
 
@@ -76,9 +78,9 @@ def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
     """Return a figure: the typical sensitivity of an order to every effect, beside the recommended one."""
     rows = -(-len(every) // 2)
     height = ROW * rows + 0.5
-    made = style.figure(height, left=0.21, right=0.98, bottom=0.44 / height, top=1 - 0.06 / height, wspace=0.75)
+    made, panels = style.figure(height, 1, 2)
     recommended = {one.name: one.typical_share for one in best if not one.reason}
-    for panel, part in zip(style.panels(made, 1, 2)[0], (every[:rows], every[rows:]), strict=True):
+    for panel, part in zip(panels[0], (every[:rows], every[rows:]), strict=True):
         shown = [np.nan if one.reason else one.typical_share for one in part]
         wanted = np.array([recommended.get(one.name, np.nan) for one in part])
         _bars_of_shares(panel, part, np.nan_to_num(shown), wanted)
@@ -105,20 +107,8 @@ def _bars_of_shares(panel: Axes, every: Sequence[Visibility], shares: Floats, ma
     for row in rows[hidden]:
         text, colour = ('not judged', style.GREY) if every[row].reason else ('hidden', style.BEFORE)
         start = float(marks[row] if marks[row] < shares[row] + WORDS else shares[row])
-        panel.annotate(text, (start, row), (5, 0), textcoords='offset points', va='center', fontsize=style.SMALL,
+        panel.annotate(text, (start, row), (5, 0), textcoords='offset points', va='center',
                        color=colour)
-
-
-def _rows(count: int, per_row: float, foot: float) -> tuple[Figure, Axes]:
-    """Return a figure and its axes; per_row, foot: heights in inches."""
-    height = per_row * count + foot
-    made = style.figure(height, left=0.25, right=0.98, bottom=(foot - 0.06) / height, top=1 - 0.06 / height)
-    return made, style.panels(made)[0, 0]
-
-
-def _finish(made: Figure, panel: Axes, names: Sequence[str], label: str) -> None:
-    _name_rows(panel, names, label, None, len(names))
-    style.legend_of(made, [panel])
 
 
 def _name_rows(panel: Axes, names: Sequence[str], label: str, marks: style.Marks | None, rows: int) -> None:

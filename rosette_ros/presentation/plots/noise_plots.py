@@ -22,8 +22,7 @@ SHOWN = ('ball', 'CMM position', 'time')
 def noise(fit: Fit) -> Figure:
     """Return a figure of the residual of a fit in white coordinates, in units of its size: 1 where it is such noise."""
     left = fit.white_residual * np.sqrt(3 * fit.run.size / fit.dof) / max(fit.rms, LEAST_NOISE)
-    made = style.figure(4.2, left=0.07, right=0.99, bottom=0.12, top=0.98, hspace=0.35, wspace=0.36)
-    panels = style.panels(made, 2, 3)
+    made, panels = style.figure(4.2, 2, 3)
     _quantiles(panels[0, 0], left)
     _scatter(panels[0, 1], 'axis', AXES, [left[:, axis] for axis in range(3)])
     for panel, (name, index, keys) in zip(panels.flat[2:], (one for one in places(fit.run) if one[0] in SHOWN),

@@ -32,13 +32,12 @@ def probe_path(points: Floats, is_touch: Bools, radius: float, shaft: tuple[floa
     wide, tall = high[1] - low[1], np.array([high[0] - low[0], high[2] - low[2]])
     scale = min((style.WIDTH - _LEFT - _RIGHT) / wide, _HIGHEST / tall.sum())
     whole = scale * tall.sum() + 2 * (_BELOW + _ABOVE) + _LEGEND
-    made = style.figure(whole)
+    made = Figure(figsize=(style.WIDTH, whole), layout='none')  # of a scale that no layout keeps
     foot = whole
     for up, size, words in zip((0, 2), scale * tall, ('seen against the axis', 'seen from outside, towards the axis')):
         foot -= _ABOVE + size
         panel = made.add_axes((_LEFT / style.WIDTH, foot / whole, scale * wide / style.WIDTH, size / whole))
         foot -= _BELOW
-        style.plain_axes(panel)
         for place, centre in enumerate(balls):
             at = centre[1], centre[up]
             look: dict[str, Any] = {'facecolor': 'white' if place else style.GRID, 'edgecolor': style.GREY,
@@ -50,7 +49,7 @@ def probe_path(points: Floats, is_touch: Bools, radius: float, shaft: tuple[floa
             if place:
                 off = -9 - 72 * scale * radius if up == 0 else 5 + 72 * scale * radius
                 panel.annotate(f'{np.linalg.norm(centre):.0f} mm away', at, (0, off), textcoords='offset points',
-                               ha='center', va='center', fontsize=style.SMALL, color=style.INK)
+                               ha='center', va='center')
         panel.plot(points[:, 1], points[:, up], color=style.AFTER, linewidth=0.8, label='way of the tip centre')
         panel.plot(*points[is_touch][:, [1, up]].T, linestyle='none', markersize=2.5, marker='o',
                    color=style.BEFORE, label='touches')
@@ -60,8 +59,8 @@ def probe_path(points: Floats, is_touch: Bools, radius: float, shaft: tuple[floa
         style.scale(panel)
         panel.set_xlabel('y / mm, along the circle of balls')
         panel.set_ylabel('x / mm, away from the axis' if up == 0 else 'z / mm')
-        style.title(panel, words, fontsize=style.TEXT)
-    made.legend(*panel.get_legend_handles_labels(), loc='lower center', ncols=4, frameon=False, fontsize=style.TEXT)
+        panel.set_title(words)
+    made.legend(*panel.get_legend_handles_labels(), loc='lower center', ncols=4)
     return made
 
 

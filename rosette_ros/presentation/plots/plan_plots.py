@@ -41,19 +41,16 @@ def pairs_in_order(measured: Scheme | Run, name: str = '') -> Figure:
     Of a pair that is measured twice both times are seen, half a mark each; a ring marks the first reading.
     """
     n, table, ball = measured.n, measured.table_position, measured.ball
-    made = style.figure(3.65, left=0.07, right=0.87, bottom=0.125, top=0.89, wspace=0.2)
-    size = table.size
-    for panel, column, what in zip(style.panels(made, 1, 2)[0], (cmm_position(n, table, ball), ball),
+    (made, panels), size = style.figure(3.65, 1, 2), table.size
+    for panel, column, what in zip(panels[0], (cmm_position(n, table, ball), ball),
                                    ('CMM position', 'ball')):
         _draw_pairs(panel, n, table, column, size)
-        style.title(panel, f'{style.label_of(name)}: {size} readings' if name and what == 'CMM position' else '',
-                    fontsize=style.TEXT)
+        panel.set_title(f'{style.label_of(name)}: {size} readings' if name and what == 'CMM position' else '')
         marks = {place: str(place) for place in range(1, n + 1, max(1, n // 12))}
         style.scale(panel, marks, marks, '')
         panel.set_xlabel(what)
         panel.set_ylabel('table position' if what == 'CMM position' else '')
-    bar = made.add_axes((0.94, 0.125, 0.018, 0.72))
-    style.colour_bar(bar, 1, size, 'reading', True, SEQUENCE)
+    style.colour_bar(made, panels, 'reading')
     return made
 
 
@@ -80,8 +77,8 @@ def uncertainty_by_share(n: int, points: Sequence[Point]) -> Figure:
 
     Beside the points the best sets of CMM positions, and the ideal sqrt(n^2 / N).
     """
-    made = style.figure(3.0, left=0.08, right=0.98, bottom=0.15, top=0.96)
-    panel, every, sets = style.panels(made)[0, 0], [x for _, x, _ in points], best_sets(n)
+    made, [[panel]] = style.figure(3.0)
+    every, sets = [x for _, x, _ in points], best_sets(n)
     lines = panel.plot(*zip(*sets), color=style.GREY, marker='.', markersize=4, linewidth=1,
                        label=f'best sets of CMM positions, {n} balls') if sets else []
     share = np.linspace(min(0.95 * min(every), 0.22), max(1.05, 1.05 * max(every)), 200)
@@ -110,22 +107,17 @@ def shares_of_plans(plans: Sequence[Outlook]) -> Figure:
               for place, one in enumerate(plans)}
     longest = max(map(len, labels.values()))
     upright = longest * len(plans) > MOST_LETTERS
-    head = 0.4 + (0.075 * longest if upright else 0.2)
-    height = 0.168 * len(names) + 0.06 + head
-    made = style.figure(height)
-    panel = made.add_axes((0.24, 0.06 / height, 0.68, 1 - (0.06 + head) / height))
+    made, [[panel]] = style.figure(0.168 * len(names) + 0.46 + (0.075 * longest if upright else 0.2))
     panel.imshow(values, cmap='Blues', vmin=0, vmax=1.15, aspect='auto', interpolation='none')
     for row, line in enumerate(values):
         for place, share in enumerate(line):
             text = 'not judged' if np.isnan(share) else percent(share)
             colour = 'white' if share > 0.75 else style.BEFORE if share < HIDDEN_SHARE else style.INK
-            panel.text(place, row, text, ha='center', va='center', fontsize=style.SMALL, color=colour,
+            panel.text(place, row, text, ha='center', va='center', color=colour,
                        fontweight='bold' if share < HIDDEN_SHARE else 'normal')
     style.scale(panel, labels, {row: style.label_of(name) for row, name in enumerate(names)}, '')
     panel.xaxis.tick_top()
-    panel.xaxis.set_tick_params(length=0, labelsize=style.SMALL, labelrotation=90 * upright)
-    made.text(0.01, 1 - 0.12 / height, f'{SENSITIVITY}; well shown from {percent(GOOD_SHARE)} on', fontsize=style.SMALL,
-              color=style.INK, va='top')
-    for side in panel.spines.values():
-        side.set_visible(False)
+    panel.xaxis.set_tick_params(labelrotation=90 * upright)
+    made.suptitle(f'{SENSITIVITY}; well shown from {percent(GOOD_SHARE)} on', x=0.01, ha='left')
+    panel.spines[:].set_visible(False)
     return made

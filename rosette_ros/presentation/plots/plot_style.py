@@ -19,8 +19,6 @@ from matplotlib.ticker import MaxNLocator
 from rosette_ros.core.records import Floats
 from rosette_ros.io.text_file import write_bytes
 
-mpl.rcParams.update({key: value for key, value in dict.items(mpl.rcParamsDefault) if key != 'backend'})
-"""A matplotlibrc is for its owner's figures: here a result looks the same on every computer."""
 INK, GRID, GREY = '#222222', '#d9d9d9', '#666666'
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#56b4e9', '#e69f00')
 """Palette of Okabe and Ito (2008), in the order of use."""
@@ -37,41 +35,31 @@ SMALL, TEXT, HEAD = 8, 8.5, 9.5
 DPI = 200
 STEPS, LEAST_NUMBERS = 5, 3
 """Most steps of an axis with round numbers, and fewest numbers on it: two do not show the scale between them."""
-LOOK: dict[Any, Any] = {'svg.fonttype': 'none', 'font.size': TEXT, 'path.simplify': False}
-"""Text stays text in SVG: it can be searched, copied and read aloud."""
-AXES_LOOK: dict[Any, Any] = {'axes.spines.top': False, 'axes.spines.right': False, 'axes.edgecolor': INK,
-                             'axes.xmargin': 0.02, 'axes.labelcolor': INK, 'axes.labelsize': TEXT,
-                             'hatch.linewidth': 0.5}
+STYLE: dict[Any, Any] = {
+    **{key: value for key, value in dict.items(mpl.rcParamsDefault) if key != 'backend'},
+    'svg.fonttype': 'none',  # text stays text in SVG: it can be searched, copied and read aloud
+    'font.size': SMALL, 'path.simplify': False, 'figure.facecolor': 'white', 'figure.titlesize': SMALL,
+    'figure.constrained_layout.use': True, 'figure.constrained_layout.h_pad': 0.03,
+    'figure.constrained_layout.w_pad': 0.03, 'text.color': INK, 'hatch.linewidth': 0.5, 'axes.spines.top': False,
+    'axes.spines.right': False, 'axes.edgecolor': INK, 'axes.axisbelow': True, 'axes.xmargin': 0.02,
+    'axes.labelcolor': INK, 'axes.labelsize': TEXT, 'axes.titlesize': TEXT, 'axes.titlelocation': 'left',
+    'axes.titlecolor': INK, 'grid.color': GRID, 'grid.linewidth': 0.6, 'xtick.labelcolor': INK, 'ytick.labelcolor': INK,
+    'xtick.major.size': 0, 'ytick.major.size': 0, 'legend.fontsize': TEXT, 'legend.frameon': False}
+mpl.rcParams.update(STYLE)
+"""A matplotlibrc is for its owner's figures: here a result looks the same on every computer."""
 Marks = Mapping[float, str] | Mapping[int, str]
 """Places on an axis and their texts."""
 FAINT, DARK = 0.1, 0.6
 """Shares of the largest value: smaller ones have no visible colour, larger ones a dark one."""
-SHADES = np.linspace(-1, 1, 101)
 BEHIND = {'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.8, 'alpha': 0.85}
 """Background of numbers on lines."""
 
 
-def figure(height: float, **sides: float) -> Figure:
-    """Return an empty figure of a height in inches, whose axes are placed by hand: that is quicker than a layout.
-
-    sides: of its panels and between them, as of `subplots_adjust`."""
-    made = Figure(figsize=(WIDTH, height), facecolor='white')
+def figure(height: float, rows: int = 1, columns: int = 1, **look: Any) -> tuple[Figure, Any]:
+    """Return a figure of a height in inches, and its axes, an array (rows, columns); look: as of `subplots`."""
+    made = Figure(figsize=(WIDTH, height))
     FigureCanvasAgg(made)
-    made.subplots_adjust(**sides)
-    return made
-
-
-def panels(made: Figure, rows: int = 1, columns: int = 1) -> Any:
-    """Return axes of a figure, an array (rows, columns) of Axes."""
-    with mpl.rc_context(AXES_LOOK):
-        return made.subplots(rows, columns, squeeze=False)
-
-
-def plain_axes(panel: Axes) -> None:
-    """Give axes that were placed by hand the look of others: two lines, size of their titles."""
-    panel.spines[['top', 'right']].set_visible(False)
-    for axis in (panel.xaxis, panel.yaxis):
-        axis.label.set(fontsize=TEXT, color=INK)
+    return made, made.subplots(rows, columns, squeeze=False, **look)
 
 
 def scale(panel: Axes, x: Marks | None = None, y: Marks | None = None, grid: str = 'xy', numbers: str = 'xy',
@@ -83,28 +71,23 @@ def scale(panel: Axes, x: Marks | None = None, y: Marks | None = None, grid: str
             axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10], min_n_ticks=LEAST_NUMBERS))
         else:
             axis.set_ticks(list(places), list(places.values()))
-        axis.set_tick_params(length=0, labelsize=SMALL, labelcolor=INK, label1On=name in numbers)
-        panel.set_axisbelow(True)
-        if name in grid:
-            axis.grid(True, color=GRID, linewidth=0.6)
+        axis.set_tick_params(label1On=name in numbers)
+        axis.grid(name in grid)
 
 
-def colour_bar(axes: Axes, low: float, high: float, label: str, upright: bool, colours: str = DIVERGING) -> None:
-    """Draw into axes what the colours from low to high stand for."""
-    edges = (0, 1, low, high) if upright else (low, high, 0, 1)
-    axes.imshow(SHADES[:, None] if upright else SHADES[None, :], cmap=colours, aspect='auto', extent=edges,
-                origin='lower', interpolation='none')
+def colour_bar(made: Figure, panels: Any, label: str, upright: bool = True) -> Axes:
+    """Draw beside or below panels what the colours of the last thing drawn in the last of them stand for."""
+    last = np.ravel(panels)[-1]
+    colours = next(one for one in (*last.images, *last.collections) if one.get_array() is not None)
+    bar = made.colorbar(colours, ax=panels, location='right' if upright else 'bottom', pad=0.02,
+                        **({'aspect': 40} if upright else {'aspect': 22, 'shrink': 0.6}))
+    bar.outline.set_visible(False)
+    axes: Axes = bar.ax
     if upright:
-        scale(axes, {}, None, '', 'y', (0, 9))
-        title(axes, label, loc='center', pad=4, fontsize=SMALL)
+        axes.set_title(label, loc='center', fontsize=SMALL)
     else:
-        scale(axes, None, {}, '', 'x')
-        axes.set_xlabel(label, fontsize=SMALL, color=INK)
-
-
-def title(panel: Axes, text: str, **look: Any) -> None:
-    """Write a title over axes."""
-    panel.set_title(text, **{'loc': 'left', 'fontsize': HEAD, 'color': INK, **look})
+        axes.set_xlabel(label, fontsize=SMALL)
+    return axes
 
 
 def look_of(place: int) -> dict[str, Any]:
@@ -115,12 +98,8 @@ def look_of(place: int) -> dict[str, Any]:
 def legend(made: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """Write a legend below the panels of a figure, which grows by its lines."""
     columns = next(count for count in range(len(labels), 0, -1) if count == 1 or _legend_width(labels, count) < WIDTH)
-    lines, height, place = 0.19 * -(-len(labels) // columns), made.get_figheight(), made.subplotpars
-    made.set_figheight(height + lines)
-    bottom, top = ((part * height + lines) / (height + lines) for part in (place.bottom, place.top))
-    made.subplots_adjust(bottom=bottom, top=top)
-    made.legend(handles, labels, loc='lower center', ncols=columns, frameon=False, fontsize=TEXT, borderaxespad=0.1,
-                labelspacing=0.3)
+    made.set_figheight(made.get_figheight() + 0.19 * -(-len(labels) // columns))
+    made.legend(handles, labels, loc='outside lower center', ncols=columns, borderaxespad=0.1, labelspacing=0.3)
 
 
 def _legend_width(labels: Sequence[str], columns: int) -> float:
@@ -163,8 +142,7 @@ def label_of(text: str) -> str:
 def save(made: Figure, path: Path | str, force: bool = False) -> None:
     """Write a figure as `write_bytes` does; the ending of `path` chooses the format (png, svg, pdf)."""
     stream = io.BytesIO()
-    with mpl.rc_context(LOOK):
-        made.savefig(stream, dpi=DPI, format=Path(path).suffix[1:])
+    made.savefig(stream, dpi=DPI, format=Path(path).suffix[1:])
     write_bytes(path, stream.getvalue(), force)
 
 

@@ -4,7 +4,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,14 +19,12 @@ ANGLES = {angle: str(angle) for angle in range(0, 301, 60)}
 AXES = ('x', 'y', 'z')
 LOOKS = ((style.BEFORE, 3.4, style.DASHED), (style.AFTER, 2.4, '-'))
 """Colour, size of the dots and line of their mean, before and after the identified effects are added."""
-MAP, ROW = 1.4, 2.15
-"""Heights in inches: of a residual map, of a row of them."""
+ROW = 2.15
+"""Height of a row of residual maps, inch."""
 SECTIONS, LEAST_MEAN = 12, 6
 """Most means of neighbours along a line, and how many readings one is made of at least."""
 WIDE = 12
 """Histograms end so many sigma from zero; what lies beyond is counted in the last bar."""
-SMALL: dict[str, Any] = {'fontsize': style.SMALL, 'color': style.INK}
-CENTRED: dict[str, Any] = {'loc': 'center', 'pad': 4, 'fontsize': style.TEXT}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,27 +49,18 @@ def residual_maps(rows: Sequence[Residuals]) -> Figure:
     A bar in a cell is a minus sign."""
     grids = [row.grid() for row in rows]
     limit = max(max(float(np.nanmax(np.abs(grid))) for grid in grids), 1e-9)
-    height = ROW * len(rows) + 0.05
-    made = style.figure(height)
-    for place, (row, grid) in enumerate(zip(rows, grids, strict=True)):
-        bottom = 1 - (ROW * place + 0.4 + MAP) / height
-        _heading(made, 1 - (ROW * place + 0.03) / height, row.label)
-        for axis, name in enumerate(AXES):
-            panel = made.add_axes((0.065 + 0.29 * axis, bottom, 0.275, MAP / height))
+    made, panels = style.figure(ROW * len(rows) + 0.05, len(rows), 3)
+    for line, row, grid in zip(panels, rows, grids, strict=True):
+        for axis, (panel, name) in enumerate(zip(line, AXES, strict=True)):
             _map(panel, grid[..., axis], limit, 'x' if axis else 'xy')
-            style.title(panel, f'residual in {name}', **CENTRED)
-            panel.set_xlabel('ball', labelpad=2, **SMALL)
-            if axis == 0:
-                panel.set_ylabel('table position', **SMALL)
-    axes = made.add_axes((0.98, bottom, 0.012, 1 - 0.4 / height - bottom))
-    style.colour_bar(axes, -limit, limit, 'µm', True)
+            panel.set_title(f'residual in {name}', loc='center')
+            panel.set_xlabel('ball', labelpad=2, fontsize=style.SMALL)
+        line[0].set_title(style.label_of(row.label), y=1.16, fontsize=style.HEAD, weight='bold')
+        line[0].set_ylabel('table position', fontsize=style.SMALL)
+    axes = style.colour_bar(made, panels, 'µm')
     places = np.linspace(-0.95, 0, 20) * limit
     style.mark_negative(axes, np.full(20, 0.5), places, places, limit, 0.6)
     return made
-
-
-def _heading(made: Figure, top: float, text: str) -> None:
-    made.text(0.005, top, style.label_of(text), fontsize=style.HEAD, weight='bold', color=style.INK, va='top')
 
 
 def _map(panel: Axes, values: Floats, limit: float, numbers: str) -> None:
@@ -99,8 +87,7 @@ def against(series: Sequence[Residuals], noise: float | None = None) -> Figure:
     series: one or two of one run, before and after; noise: standard deviation, m; lines are means of neighbours.
     """
     places = _places(series[0].run)
-    made = style.figure(4.4, left=0.08, right=0.975, bottom=0.1, top=0.98, hspace=0.1, wspace=0.13)
-    grid = style.panels(made, 3, len(places))
+    made, grid = style.figure(4.4, 3, len(places))
     limit = 1.08 * max(1e-9, *(float(np.abs(1e6 * one.values).max()) for one in series))
     for axis, name in enumerate(AXES):
         for column, (label, values, marks, sections) in enumerate(places):
@@ -167,8 +154,7 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
 
     noise: standard deviation of a coordinate, m; dof: of each model; noise appears smaller by sqrt(dof / 3N).
     """
-    made = style.figure(2.4, left=0.075, right=0.99, bottom=0.17, top=0.98)
-    panel = style.panels(made)[0, 0]
+    made, [[panel]] = style.figure(2.4)
     flat = [1e6 * one.values.ravel() for one in series]
     spread = 1e6 * noise if noise is not None else max(float(np.std(flat[-1])), 1e-9)
     reach = min(max(max(float(np.abs(one).max()) for one in flat), 3.5 * spread), WIDE * spread)
@@ -189,5 +175,5 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
     panel.set(xlim=(edges[0], edges[-1]), xlabel='residual of a coordinate in µm',
               ylabel='number of coordinates')
     style.scale(panel, grid='y', steps=(8, 4))
-    panel.legend(frameon=False, fontsize=style.TEXT, loc='upper right')
+    panel.legend(loc='upper right')
     return made

@@ -19,7 +19,6 @@ from rosette_ros.presentation.plots import plot_style as style
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
 MEANING = {'ctx': 'radial in x', 'cty': 'radial in y', 'ctz': 'axial', 'crx': 'tilt about x',
            'cry': 'tilt about y', 'crz': 'angular positioning'}
-INCH = {'panels': 2.2, 'title': 0.3, 'foot': 0.42, 'head': 0.25}
 TRUE_LOOK: dict[str, Any] = {
     'color': style.INK, 'linewidth': 1.3, 'linestyle': style.DASHED, 'marker': 'x', 'markersize': 5, 'zorder': 5}
 EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+'})
@@ -33,9 +32,8 @@ MOST_NUMBERS = 20
 LEAST_LIMIT = 1e-3
 """Of the colours of deviations, µm."""
 POLAR = ('ctx', 'cty', 'crx', 'cry')
-BASE = 1.0
-"""Radius of the circle of no deviation; the largest deviation is drawn as LARGEST of it."""
 LARGEST = 0.55
+"""The largest deviation in radii of the circle of no deviation."""
 TURN = np.linspace(0, 2 * np.pi, 361)
 
 
@@ -82,23 +80,18 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
 
 
 def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Figure, Any]:
-    top = INCH['head'] + (INCH['title'] if heading else 0)
-    height = INCH['panels'] + INCH['foot'] + top
-    made = style.figure(height, left=0.075, right=0.985, bottom=INCH['foot'] / height, top=1 - top / height,
-                        hspace=0.28, wspace=0.22)
-    grid = style.panels(made, 2, 3)
+    made, grid = style.figure(2.85 + 0.3 * bool(heading), 2, 3)
     for panel, curve in zip(grid.flat, CURVES, strict=True):
         panel.axhline(0, color=style.INK, linewidth=0.8)
         panel.set_xlim(-8, 368)
-        style.title(panel, f'{curve} ({iso_name(curve, rotation)}), {MEANING[curve]}', fontsize=style.TEXT)
+        panel.set_title(f'{curve} ({iso_name(curve, rotation)}), {MEANING[curve]}')
         if panel in grid[:, 0]:
             panel.set_ylabel(CURVE_UNITS[CURVES.index(curve)], labelpad=2)
         style.scale(panel, ANGLES, numbers='xy' if panel in grid[-1] else 'y')
     for panel in grid[-1]:
         panel.set_xlabel('table angle in degrees')
     if heading:
-        made.suptitle(style.label_of(heading), fontsize=style.HEAD, color=style.INK, x=0.01, ha='left', va='top',
-                      y=1 - 0.1 / height)
+        made.suptitle(style.label_of(heading), fontsize=style.HEAD, x=0.01, ha='left')
     return made, grid.ravel()
 
 
@@ -152,19 +145,16 @@ def deviations(plate: Floats, cmm: Floats, radius: float) -> Figure:
     """Return a figure of the deviations of plate and CMM, (n, 3), m, each at a scale of its own.
 
     Those of the plate are freed of how it lies on the table, which is told in words."""
-    made = style.figure(4.1)
+    made, panels = style.figure(4.1, 1, 2)
     shift, turn, freed = clamping(plate, radius)
     parts = (('Ball plate, freed of eccentricity, tilt and turn', 'ball', freed),
              ('CMM: deviation of each position', 'position', cmm))
-    made.text(0.01, 0.012, f'Removed from the plate: {clamping_words(shift, turn)}', fontsize=style.SMALL,
-              color=style.GREY)
-    for place, (heading, what, values) in enumerate(parts):
-        panel = made.add_axes((0.01 + 0.5 * place, 0.17, 0.46, 0.75))
+    made.supxlabel(f'Removed from the plate: {clamping_words(shift, turn)}', x=0.01, ha='left', fontsize=style.SMALL, color=style.GREY)
+    for panel, (heading, what, values) in zip(panels[0], parts, strict=True):
         limit = max(1e6 * float(np.nanmax(np.abs(values[:, 2]))), LEAST_LIMIT)
         _panel(panel, 1e6 * values, 1e3 * radius, limit)
-        style.title(panel, heading, fontsize=style.TEXT)
-        style.colour_bar(made.add_axes((0.1 + 0.5 * place, 0.14, 0.28, 0.025)), -limit, limit,
-                         f'z of each {what}, µm (▲ positive, ▼ negative)', False)
+        panel.set_title(heading)
+        style.colour_bar(made, panel, f'z of each {what}, µm (▲ positive, ▼ negative)', False)
     return made
 
 
@@ -196,10 +186,10 @@ def _panel(panel: Axes, values: Floats, radius: float, limit: float) -> None:
     panel.quiver(x[known], y[known], values[known, 0], values[known, 1], **arrows)
     for number in range(0, n, -(-n // MOST_NUMBERS)):
         panel.text(NUMBERS * x[number], NUMBERS * y[number], str(number + 1), ha='center', va='center',
-                   fontsize=style.SMALL, color=style.GREY, zorder=2)
+                   color=style.GREY, zorder=2)
     length = scale_arrow(longest)
     panel.quiver([-0.5 * length * per_um], [-1.46 * radius], [length], [0], **arrows)
-    panel.text(0, -1.41 * radius, f'{length:g} µm', ha='center', va='bottom', fontsize=style.SMALL, color=style.INK)
+    panel.text(0, -1.41 * radius, f'{length:g} µm', ha='center', va='bottom')
     _axes_cross(panel, radius)
     panel.set(xlim=(-1.5 * radius, 1.5 * radius), ylim=(-1.53 * radius, 1.4 * radius), aspect='equal')
     panel.axis('off')
@@ -209,8 +199,8 @@ def _axes_cross(panel: Axes, radius: float) -> None:
     x, y, length = -1.4 * radius, -1.4 * radius, 0.28 * radius
     panel.quiver([x, x], [y, y], [length, 0], [0, length], angles='xy', scale_units='xy', scale=1, color=style.GREY,
                  width=0.004)
-    panel.text(x + 1.15 * length, y, 'x', ha='left', va='center', fontsize=style.SMALL, color=style.GREY)
-    panel.text(x, y + 1.15 * length, 'y', ha='center', va='bottom', fontsize=style.SMALL, color=style.GREY)
+    panel.text(x + 1.15 * length, y, 'x', ha='left', va='center', color=style.GREY)
+    panel.text(x, y + 1.15 * length, 'y', ha='center', va='bottom', color=style.GREY)
 
 
 def polar_motions(motions: ErrorMotions) -> Figure:
@@ -218,46 +208,34 @@ def polar_motions(motions: ErrorMotions) -> Figure:
 
     The reference circle is the least-squares one: its offset from the centre is the once-per-turn part of the error,
     the distance of the curve from it the rest."""
-    made, handles = style.figure(2.45), list[Any]()
-    lines = {line.curve: line for line in error_lines(motions)}
-    for place, curve in enumerate(POLAR):
-        panel = made.add_axes((0.005 + 0.25 * place, 0.12, 0.24, 0.8))
-        handles = _polar_panel(
-            panel, 1e6 * motions[curve], COVERAGE_FACTOR * 1e6 * motions.uncertainty(curve), motions.angle,
-            CURVE_UNITS[CURVES.index(curve)], lines[curve])
-        style.title(panel, f'{curve} ({iso_name(curve, motions.rotation)}), {MEANING[curve]}', fontsize=style.TEXT)
-    style.legend(made, handles, ['measured', f'U (k = {COVERAGE_FACTOR})', 'no deviation',
-                                 'reference circle (least squares)'])
+    made, [panels] = style.figure(2.7, 1, 4, subplot_kw={'projection': 'polar'})
+    for panel, curve in zip(panels, POLAR, strict=True):
+        [line] = [one for one in error_lines(motions) if one.curve == curve]
+        _polar_panel(panel, 1e6 * motions[curve], COVERAGE_FACTOR * 1e6 * motions.uncertainty(curve), motions.angle,
+                     CURVE_UNITS[CURVES.index(curve)], line)
+        panel.set_title(f'{curve} ({iso_name(curve, motions.rotation)}), {MEANING[curve]}', loc='center')
+    style.legend_of(made, panels[:1])
     return made
 
 
-def _polar_panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: str, line: AxisError) -> list[Any]:
-    """Draw one curve (n,) with its U; return the handles of the legend."""
+def _polar_panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: str, line: AxisError) -> None:
+    """Draw one curve (n,) with its U: from the circle of no deviation outwards."""
     top = float(np.max(np.abs(values) + expanded)) or 1.0
-    per_unit = LARGEST * BASE / top
+    base = top / LARGEST
     theta = np.append(angle, angle[0] + 2 * np.pi)
-    radius, spread = (per_unit * np.append(one, one[0]) for one in (values, expanded))
-    grey: dict[str, Any] = {'color': style.GRID, 'linewidth': 0.6, 'zorder': 0}
-    for degrees in range(0, 360, 60):
-        x, y = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
-        panel.plot([0, 1.62 * x], [0, 1.62 * y], **grey)
-        panel.text(1.74 * x, 1.74 * y, f'{degrees}°', ha='center', va='center', fontsize=style.SMALL, color=style.GREY)
-    base, = panel.plot(BASE * np.cos(TURN), BASE * np.sin(TURN), color=style.GREY, linewidth=0.9)
-    edge = np.concatenate([BASE + radius + spread, (BASE + radius - spread)[::-1]])
-    around = np.concatenate([theta, theta[::-1]])
-    band, = panel.fill(edge * np.cos(around), edge * np.sin(around), color=style.AFTER, alpha=0.2, linewidth=0)
-    curve, = panel.plot((BASE + radius) * np.cos(theta), (BASE + radius) * np.sin(theta), color=style.AFTER,
-                        linewidth=1.3, marker='o', markersize=3)
-    once = once_per_turn(values, angle)
-    mean = BASE + per_unit * float(np.mean(values))
-    circle, = panel.plot(per_unit * once.real + mean * np.cos(TURN), per_unit * once.imag + mean * np.sin(TURN),
-                         color=style.BEFORE, linewidth=1.1, linestyle=style.DASHED)
+    radius, spread = (np.append(one, one[0]) for one in (base + values, expanded))
+    panel.plot(theta, radius, color=style.AFTER, linewidth=1.3, marker='o', markersize=3, label='measured')
+    panel.fill_between(theta, radius - spread, radius + spread, color=style.AFTER, alpha=0.2, linewidth=0,
+                       label=f'U (k = {COVERAGE_FACTOR})')
+    panel.plot(TURN, np.full(TURN.size, base), color=style.GREY, linewidth=0.9, label='no deviation')
+    circle = (base + float(np.mean(values))) * np.exp(1j * TURN) + once_per_turn(values, angle)
+    panel.plot(np.angle(circle), np.abs(circle), color=style.BEFORE, linewidth=1.1, linestyle=style.DASHED,
+               label='reference circle (least squares)')
     length = scale_arrow(top)
-    panel.plot([-1.8, -1.8 + per_unit * length], [-2.05, -2.05], color=style.INK, linewidth=1.4, marker='|')
-    for x, y, text in ((-1.65 + per_unit * length, -2.05, f'{length:g} {unit}'),
-                       (-1.9, -2.42, f'range {fixed(1e6 * line.range, 2)} {unit}'),
-                       (-1.9, -2.84, f'residual {fixed(1e6 * line.residual, 2)} {unit}')):
-        panel.text(x, y, text, ha='left', va='center', fontsize=style.SMALL, color=style.INK)
-    panel.set(xlim=(-2.15, 2.15), ylim=(-2.97, 1.9), aspect='equal')
-    panel.axis('off')
-    return [curve, band, base, circle]
+    panel.set_xticks(np.deg2rad(np.arange(0, 360, 60)), [f'{degrees}°' for degrees in range(0, 360, 60)])
+    panel.set_yticks([base + length], [])
+    panel.set(rorigin=0, rmin=0, rmax=1.62 * base)
+    panel.spines['polar'].set_visible(False)
+    panel.tick_params(pad=2, labelcolor=style.GREY)
+    panel.set_xlabel(f'outer ring: {length:g} {unit}\nrange {fixed(1e6 * line.range, 2)} {unit}\n'
+                     f'residual {fixed(1e6 * line.residual, 2)} {unit}', fontsize=style.SMALL)

@@ -17,10 +17,7 @@ UNITS = {'s': ('min', 1 / 60), 'rad': ('°', 180 / np.pi), 'K': ('K', 1.0)}
 
 def shapes(every: Sequence[Shape]) -> Figure:
     """Return a figure: a row for each shape, the curves that stand out most, µm, with the band of U (k = 2)."""
-    height = ROW * len(every) + 0.25
-    made = style.figure(height, left=0.09, right=0.99, hspace=0.9, wspace=0.36, bottom=0.45 / height,
-                        top=1 - 0.43 / height)
-    panels = style.panels(made, len(every), MOST_CURVES)
+    made, panels = style.figure(ROW * len(every) + 0.25, len(every), MOST_CURVES)
     for row, shape in zip(panels, every, strict=True):
         unit, factor = UNITS.get(shape.unit, (shape.unit, 1.0))
         shown = strongest(shape, MOST_CURVES)
@@ -38,11 +35,10 @@ def shapes(every: Sequence[Shape]) -> Figure:
                 panel.plot(x, 1e6 * curve.claimed, color=style.BEFORE, linewidth=1.6, linestyle=style.DASHED,
                            label='claimed')
             style.scale(panel)
-            panel.set_xlabel(f'{shape.variable} / {unit}', fontsize=style.TEXT)
-            panel.set_ylabel(f'{curve.axis} / µm', fontsize=style.TEXT)
+            panel.set(xlabel=f'{shape.variable} / {unit}', ylabel=f'{curve.axis} / µm')
             if curve.carrier:
                 panel.annotate(style.label_of(f'× {curve.carrier}'), (1, 1.02), xycoords='axes fraction', ha='right',
                                va='bottom', fontsize=style.TEXT, color=style.GREY)
-        style.title(row[0], style.label_of(shape.claim or f'no name: {shape.words}'), fontsize=style.TEXT, pad=16)
+        row[0].set_title(style.label_of(shape.claim or f'no name: {shape.words}'), pad=16)
     style.legend_of(made, panels.flat)
     return made

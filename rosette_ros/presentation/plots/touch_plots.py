@@ -16,7 +16,7 @@ MOST_DOTS = 4000
 
 def touch_residuals(refit: SphereRefit) -> Figure:
     """Return a figure: residual of each touch by its number, azimuth and elevation; radius of each sphere."""
-    made = style.figure(4.6)
+    made, [residuals, below] = style.figure(4.6, 2, 3)
     touched, residual = refit.touched, 1e6 * refit.residual
     number = np.arange(residual.size) - touched.first[touched.owner] + 1.0
     x, y, z = refit.approach.T
@@ -27,8 +27,7 @@ def touch_residuals(refit: SphereRefit) -> Figure:
             ('number of the touch', number, 1, None),
             ('azimuth of the probe in °', azimuth, 5, {angle: str(angle) for angle in range(0, 361, 90)}),
             ('elevation of the probe in °', np.degrees(np.arcsin(np.clip(z, -1, 1))), 4, None))):
-        panel = made.add_axes((0.095 + 0.305 * place, 0.57, 0.285, 0.4))
-        style.plain_axes(panel)
+        panel = residuals[place]
         panel.axhspan(-2e6 * refit.sigma, 2e6 * refit.sigma, color='#999999', alpha=0.18, linewidth=0)
         panel.axhline(0, color=style.INK, linewidth=0.8)
         panel.plot(values[drawn], residual[drawn], '.', color=style.AFTER, markersize=2, alpha=0.35, rasterized=True)
@@ -36,7 +35,9 @@ def touch_residuals(refit: SphereRefit) -> Figure:
         panel.plot(where, mean, 'o-', color=style.BEFORE, linewidth=1.2, markersize=3)
         panel.set(ylim=(-limit, limit), xlabel=label, ylabel='' if place else 'residual in µm')
         style.scale(panel, marks, numbers='x' if place else 'xy')
-    _radii(made.add_axes((0.095, 0.1, 0.895, 0.32)), refit)
+    for panel in below:
+        panel.remove()
+    _radii(made.add_subplot(below[0].get_gridspec()[1, :]), refit)
     return made
 
 
@@ -57,12 +58,11 @@ def _means(values: Floats, residual: Floats, step: int) -> tuple[Floats, Floats]
 
 def _radii(panel: Axes, refit: SphereRefit) -> None:
     radius, number = 1e6 * (refit.radius - refit.radius.mean()), np.arange(1, refit.radius.size + 1)
-    style.plain_axes(panel)
     spread = 2e6 * refit.radius_u
     panel.axhspan(-spread, spread, color='#999999', alpha=0.18, linewidth=0)
     panel.plot(number, radius, '.', color=style.AFTER, markersize=4 if radius.size < 500 else 2)
     limit = 1.08 * max(float(np.abs(radius).max()), spread, 1e-9)
     panel.set(xlim=(0, radius.size + 1), ylim=(-limit, limit), xlabel='ball centre, in the order of measuring',
               ylabel='difference in µm')
-    style.title(panel, f'radius of each sphere less the mean, {fixed(1e3 * float(refit.radius.mean()), 5)} mm')
+    panel.set_title(f'radius of each sphere less the mean, {fixed(1e3 * float(refit.radius.mean()), 5)} mm')
     style.scale(panel, steps=(10, 5))

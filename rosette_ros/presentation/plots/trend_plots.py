@@ -23,8 +23,7 @@ MOST_ROOM = 5.0
 def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, float],
                      events: Sequence[Event], forecasts: Mapping[str, Forecast]) -> Figure:
     """Return a figure of the ranges of the six error motions, (m, 6) with U, over the dates."""
-    made = style.figure(6.0, left=0.088, bottom=0.06, right=0.975, top=0.95, wspace=0.2, hspace=0.42)
-    panels = style.panels(made, 3, 2)
+    made, panels = style.figure(6.0, 3, 2)
     when = date2num(list(dates))
     for place, curve in enumerate(CURVES):
         panel = panels[place % 3, place // 3]
@@ -49,7 +48,7 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
         _mark(panel, when, [event for event in events if any(step.series.name.startswith(curve)
                                                              for step in event.steps)])
         panel.set(ylim=(0, 1.1 * top), ylabel=CURVE_UNITS[place])
-        style.title(panel, words, fontsize=style.TEXT)
+        panel.set_title(words)
         _time_axis(panel)
     style.legend_of(made, panels.flat)
     return made
@@ -67,4 +66,3 @@ def _time_axis(panel: Axes) -> None:
     panel.xaxis.set_major_locator(locator)
     panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     panel.xaxis.set_tick_params(pad=6)
-    panel.xaxis.offsetText.set_fontsize(style.SMALL)

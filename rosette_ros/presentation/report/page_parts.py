@@ -11,7 +11,6 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from rosette_ros.presentation.formatting import glued
-from rosette_ros.presentation.plots.plot_style import LOOK
 
 PAGES = Environment(loader=PackageLoader('rosette_ros.presentation.report'), autoescape=True, trim_blocks=True,
                     lstrip_blocks=True, undefined=StrictUndefined)
@@ -31,7 +30,7 @@ def inline_svgs(figures: Mapping[str, Figure]) -> dict[str, Markup]:
     out = {}
     for name, figure in figures.items():
         stream = io.StringIO()
-        with mpl.rc_context({**LOOK, 'svg.hashsalt': name}):
+        with mpl.rc_context({'svg.hashsalt': name}):
             figure.savefig(stream, format='svg', dpi=110, metadata={'Date': None})
         begin, _, rest = _METADATA.sub('', _HEAD.sub('', stream.getvalue())).partition('>')
         rest = _IMAGE_IDENTITY.sub(r'\1', rest).replace('xlink:href=', 'href=')
