@@ -3,7 +3,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -33,7 +32,8 @@ class Outlook:
     """A plan by its name, with what it determines; radius: m; sigma: of a coordinate from USUAL touches, m.
 
     effects: what it shows of each effect of the library, () for plates of more than MOST_BALLS balls; rotation: of the
-    table in the machine, as of Run; environment: that is stated; u: (n, 6) expected standard uncertainties, m and rad.
+    table in the machine, as of Run; environment: that is stated, None where none is; u: (n, 6) expected standard
+    uncertainties of the curves, m and rad, with what it hides where it is stated.
     """
 
     name: str
@@ -42,15 +42,9 @@ class Outlook:
     sigma: float
     expectation: Expectation
     effects: tuple[Visibility, ...]
+    u: Floats
     rotation: Floats | None = None
     environment: Environment | None = None
-
-    @cached_property
-    def u(self) -> Floats:
-        if self.environment is None:
-            return self.sigma * self.expectation.u
-        run = planned_run(self.scheme, self.radius, rotation=self.rotation)
-        return expected_u(run, self.sigma * self.expectation.spread, self.environment)
 
     @property
     def penalty(self) -> float:
@@ -80,9 +74,10 @@ def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace:
     expected = expect(scheme, radius, pace)
     if environment and scheme.n > LARGEST:
         raise InvalidPlan(f'{name}: wanted at most {LARGEST} balls in an environment, got {scheme.n}')
-    seen = visibility(planned_run(scheme, radius, pace, rotation), sigma * expected.spread) if (
-        effects and scheme.n <= MOST_BALLS) else ()
-    return Outlook(name, scheme, radius, sigma, expected, seen, rotation, environment)
+    run, spread = planned_run(scheme, radius, pace, rotation), sigma * expected.spread
+    seen = visibility(run, spread) if effects and scheme.n <= MOST_BALLS else ()
+    u = expected_u(run, spread, environment) if environment else sigma * expected.u
+    return Outlook(name, scheme, radius, sigma, expected, seen, u, rotation, environment)
 
 
 def point_of(plan: Outlook) -> Point:
