@@ -174,6 +174,7 @@ class Rows(Sequence[Row]):
 
     def append(self, row: Row) -> None:
         """Add a row."""
+        value: Any
         for (column, is_text, is_point), value in zip(self._columns, row, strict=True):
             if is_point:
                 column.extend(value)

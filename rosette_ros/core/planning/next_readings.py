@@ -134,7 +134,7 @@ def step_of(found: NextReadings, readings: int) -> Step:
 
 def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[Step, ...]:
     """Return what was known after each number of readings of a run, ascending; errors as of `next_readings`."""
-    return tuple(step_of(standing(run.take(range(size)), model), size) for size in sizes)
+    return tuple(step_of(standing(run.take(list(range(size))), model), size) for size in sizes)
 
 
 def leading(steps: Sequence[Step], most: int = LEADING) -> dict[tuple[str, ...], list[float]]:

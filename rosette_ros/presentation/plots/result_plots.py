@@ -149,7 +149,8 @@ def deviations(plate: Floats, cmm: Floats, radius: float) -> Figure:
     shift, turn, freed = clamping(plate, radius)
     parts = (('Ball plate, freed of eccentricity, tilt and turn', 'ball', freed),
              ('CMM: deviation of each position', 'position', cmm))
-    made.supxlabel(f'Removed from the plate: {clamping_words(shift, turn)}', x=0.01, ha='left', fontsize=style.SMALL, color=style.GREY)
+    made.supxlabel(f'Removed from the plate: {clamping_words(shift, turn)}', x=0.01, ha='left', fontsize=style.SMALL,
+                   color=style.GREY)
     for panel, (heading, what, values) in zip(panels[0], parts, strict=True):
         limit = max(1e6 * float(np.nanmax(np.abs(values[:, 2]))), LEAST_LIMIT)
         _panel(panel, 1e6 * values, 1e3 * radius, limit)
