@@ -168,7 +168,8 @@ class Rows(Sequence[Row]):
     A text is held once and by its number, a point by three numbers."""
 
     def __init__(self, kind: type[Row]) -> None:
-        self._kind, self._texts, self._numbers = kind, list[str](), dict[str, int]()
+        self._kind: type[Row] = kind
+        self._texts, self._numbers = list[str](), dict[str, int]()
         self._columns = [(array({int: 'q', str: 'l'}.get(held, 'd')), held is str, held not in (int, str, float))
                          for held in kind.__annotations__.values()]
 
