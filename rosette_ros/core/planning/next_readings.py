@@ -34,7 +34,7 @@ MOST = 10
 """Explanations that a block is chosen by."""
 NOTICED = 1e-9
 """Share by which a variance has to be lower for another CMM position to be taken."""
-LEAST = 0.05
+LEAST = 0.02
 """Information of all readings of the best way, nats, below which no block of this cell helps."""
 LEADING = 5
 """Explanations whose way is shown."""
@@ -134,7 +134,7 @@ def step_of(found: NextReadings, readings: int) -> Step:
 
 def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[Step, ...]:
     """Return what was known after each number of readings of a run, ascending; errors as of `next_readings`."""
-    return tuple(step_of(standing(run.take(range(size)), model), size) for size in sizes)
+    return tuple(step_of(standing(run.take(list(range(size))), model), size) for size in sizes)
 
 
 def leading(steps: Sequence[Step], most: int = LEADING) -> dict[tuple[str, ...], list[float]]:
