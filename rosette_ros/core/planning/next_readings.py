@@ -34,7 +34,7 @@ MOST = 10
 """Explanations that a block is chosen by."""
 NOTICED = 1e-9
 """Share by which a variance has to be lower for another CMM position to be taken."""
-LEAST = 0.05
+LEAST = 0.02
 """Information of all readings of the best way, nats, below which no block of this cell helps."""
 LEADING = 5
 """Explanations whose way is shown."""
