@@ -38,8 +38,8 @@ STEPS = 12, 12, 12, 12, 24, 24
 MOST = 3
 """Runs of n * n readings after which it is given up."""
 STRONG = 9.0, 12.0
-HEAD = ('| machines | blocks | number | settled | wrong then | no block helps | readings, median | beyond the first run '
-        '| h, median of settled |\n|---|---|---|---|---|---|---|---|---|')
+HEAD = ('| machines | blocks | number | settled | wrong then | no block helps | readings, median | beyond the first '
+        'run | h, median of settled |\n|---|---|---|---|---|---|---|---|---|')
 KIND = tuple(name for name in NAMED if name != 'outlier')
 
 
