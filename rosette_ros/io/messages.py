@@ -194,8 +194,9 @@ class Rows(Sequence[Row]):
         if isinstance(place, slice):
             return [self[one] for one in range(len(self))[place]]
         row = range(len(self))[place]
-        return self._kind(*(self._texts[column[row]] if is_text else tuple(column[3 * row:3 * row + 3]) if is_point
-                            else column[row] for column, is_text, is_point in self._columns))
+        values: list[Any] = [self._texts[column[row]] if is_text else tuple(column[3 * row:3 * row + 3]) if is_point
+                             else column[row] for column, is_text, is_point in self._columns]
+        return self._kind(*values)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and list(self) == list(other)

@@ -16,6 +16,9 @@ from rosette_ros.core.model.least_squares import Parameter, fit
 if TYPE_CHECKING:
     from rosette_ros.core.diagnosis.diagnosis import RunSearch
 
+MOST_OTHERS = 8
+"""Effects that are not claimed and are fitted to be shown."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -41,8 +44,8 @@ class Candidate:
 
 
 def candidates_of(search: 'RunSearch') -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
-    """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed; and the
-    names of those that have no fit, with the reason."""
+    """Return the candidates: claimed ones, each beside those before it, then the best others beside all claimed; and
+    the names of those that have no fit, with the reason."""
     out = [_base_candidate(search, term) for term in search.absent]
     if search.noiseless:
         return tuple(out), ()
@@ -53,7 +56,7 @@ def candidates_of(search: 'RunSearch') -> tuple[tuple[Candidate, ...], tuple[tup
         out.append(_candidate(search, member, before, blocks, claim.probability, p, fitted.parameters, claim.alike))
         before = State(evidence, [one for one, _ in search.claimed[:place + 1]])
     known = {one.name for one, _ in search.claimed}
-    offers = [one for one in before.offers(is_open=False) if one.family.name not in known]
+    offers = [one for one in before.offers(is_open=False) if one.family.name not in known][:MOST_OTHERS]
     refused = []
     for offer in offers:
         member = evidence.member(offer.family, offer.setting, offer.volume)
