@@ -18,9 +18,8 @@ from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, find, fitted_with_noise, judge
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, find, fitted_with_noise, judge, search_of
 from rosette_ros.core.diagnosis.effect_settings import choose_settings, families_of_terms
-from rosette_ros.core.diagnosis.explained import explained
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
@@ -29,6 +28,8 @@ from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.surroundings import unseen
 from rosette_ros.core.planning.advice import Advice, advise, advise_run
+from rosette_ros.core.planning.next_readings import NextReadings as NextReadings
+from rosette_ros.core.planning.next_readings import next_readings as next_readings
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import ErrorMotions, Floats, Run
 from rosette_ros.core.stated_environment import Environment
@@ -58,7 +59,9 @@ def in_environment(verdict: Verdict, final: Fit, environment: Environment | None
 
 def explanations_of(found: Finding, fitted: Fit) -> tuple[tuple[float, Fit], ...]:
     """Return the explanations of a run, fits with probabilities; none for a fit that lacks what is claimed."""
-    return () if found.missing and fitted is not found.final else explained(found.fit.run, found.model)
+    if found.missing:
+        return fitted.explanations
+    return search_of(found.fit.run, found.model).explained
 
 
 def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMotions:
@@ -95,7 +98,7 @@ class Change:
     """What changes when a model is replaced by another on the same run.
 
     cross_validation_before, cross_validation_after: error of the cross-validation, m; curve_change: largest change of
-    each curve, (6,), m and rad; helps, hurts: whether that error falls or rises by more than chance.
+    each curve, (6,), m and rad; helps, hurts: whether that residual falls or rises by more than chance.
     """
 
     before: Fit
@@ -198,7 +201,7 @@ class Summary:
         return in_environment(self.diagnosis.verdict, self.final, self.environment)
 
     def lines(self, tolerances: Mapping[str, float] | None = None) -> tuple[AxisError, ...]:
-        """The six errors in a line each, as modelled now; tolerances: of ranges by curve, m and rad."""
+        """The six error motions in a line each, as modelled now; tolerances: of ranges by curve, m and rad."""
         return fit_lines(self.fit, tolerances, doubt_of(self.verdict))
 
     @cached_property

@@ -193,16 +193,17 @@ def test_a_combination_and_what_is_left_stand_in_the_sentence():
     assert verdict.outcome == Outcome.NAMED
     assert {one.name for one in verdict.missing} == {'frame_drift', 'plate_warp'} and verdict.unexplained
     text = verdict_text(verdict)
-    for words in ('drift of the probe relative to the table', ' and ', 'warping of the plate', 'With them',
+    for words in ('linear probe drift', ' and ', 'warping of the plate', 'With them',
                   'Even with them, the readings scatter more than '):
         assert words in text.sentence
-    assert text.action.startswith('Find them in the cell, or add them to the model') and 'rosette' not in text.action
+    assert text.action.startswith('Eliminate the causes and repeat the measurement, or include them in the evaluation '
+                                  'model') and 'rosette' not in text.action
 
 
 def test_an_unknown_repeatability_is_said_where_an_effect_is_named():
     """The name rests on the structure of the residual."""
     sentence = verdict_text(judge(clean(6, 1, [DRIFT]).replace(repeatability=None))).sentence
-    assert 'most like drift of the probe relative to the table (' in sentence
+    assert 'most likely linear probe drift (' in sentence
     assert 'rests on the structure of the residual alone' in sentence
 
 

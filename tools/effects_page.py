@@ -43,9 +43,9 @@ Each part can be left out of a model; the diagnosis then finds it as any other m
 TABLE = f"""
 ## Effects
 
-*Shown by*: the [orders](measuring.md#orders-of-measurement) of {BALLS} balls in which the observable share of the
-effect, the part that table, plate and CMM deviations do not absorb, is at least {SHOWN} % (median over its
-settings). What is not observable may bias the six curves; `rosette diagnose` states by how much. *alternate* turns
+*Shown by*: the [orders](measuring.md#orders-of-measurement) of {BALLS} balls in which the sensitivity to the
+effect, the share that table, plate and CMM deviations do not absorb, is at least {SHOWN} % (median over its
+settings). What is absorbed may bias the six curves; `rosette diagnose` states by how much. *alternate* turns
 the table backwards in every second inner loop; `ball_sag` is that of a table along x. `rosette advise` gives the
 shares, smaller ones too, for any number of balls or for a run.
 """
@@ -81,7 +81,7 @@ def page() -> str:
 
 def table(effects: Iterable[Effect], shown: Mapping[str, str] | None) -> str:
     """Return a row for each effect; shown: the orders that show it, by name."""
-    heads = ['effect', 'what it is', 'added to p', 'look at', *(['shown by'] if shown else [])]
+    heads = ['effect', 'what it is', 'added to p', 'possible origin', *(['shown by'] if shown else [])]
     lines = [f'| {" | ".join(heads)} |', '|---' * len(heads) + '|']
     lines += [f'| {" | ".join([f"`{one.name}`", one.meaning, f"`{one.formula}`", one.look])} |'
               + (f' {shown[one.name]} |' if shown else '') for one in effects]

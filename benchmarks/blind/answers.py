@@ -2,7 +2,7 @@
 """What a diagnosis says of a run, read from its result alone, and whether it is true."""
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.blind.cause import BODIES, Names, Variables
 from benchmarks.blind.library import statement
 from benchmarks.blind.runs import SIGMA, visible_part
-from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
+from rosette_ros.core.effects.free import variables
+from rosette_ros.core.records import ErrorMotions, Floats, Run, remove_gauge
 from rosette_ros.presentation.json_output import levels_json
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
@@ -30,6 +31,8 @@ ALIKE = 4.0
 """A shape of which less than this norm is left of the cause, in σ, describes it: noise does not show the difference."""
 PLACE = frozenset(('table angle', 'ball', 'CMM position'))
 """Any two of these are what all three are: the CMM position is the sum of the other two."""
+LITTLE = 0.025
+"""Share of the variance of a variable that another one may leave and still determines it."""
 
 
 def answered(found: Any) -> Record:
@@ -124,26 +127,53 @@ def is_told(told: Iterable[Iterable[Iterable[str]]], variables: Variables) -> bo
                                                 for one in variables)
 
 
-def level_judged(levels: Iterable[Record], truth: 'Truth') -> list[bool]:
+def level_judged(levels: Iterable[Record], truth: 'Truth',
+                 same: Mapping[str, frozenset[str]] | None = None) -> list[bool]:
     """Return of each level 1 whether its motion and one alternative of its variables are those of what is hidden.
 
-    A wrong reading moves nothing; it is true where one is hidden.
+    A wrong reading moves nothing; it is true where one is hidden. same: what each variable determines in this run.
     """
     hidden = [statement(name) for name in truth.hidden] if truth.variables is None else [(truth.body, truth.variables)]
-    return [bool(truth.readings) if one['law'] == 'outlier' else any(_agrees(one, *what) for what in hidden)
+    return [bool(truth.readings) if one['law'] == 'outlier' else any(_agrees(one, *what, same or {}) for what in hidden)
             for one in levels]
 
 
-def _agrees(level: Record, body: Names, variables: Variables) -> bool:
+def determined(run: Run) -> dict[str, frozenset[str]]:
+    """Return which variables each one determines in a run: along it they change by little from one value to the next.
+
+    By the mean square of successive differences over twice the variance (von Neumann's ratio) below LITTLE; among equal
+    values, all of them are compared.
+    """
+    known = {one.name: one for one in variables(run)}
+    courses = {name: np.stack([np.cos(one.values), np.sin(one.values)]) if name in PLACE else one.values[None]
+               for name, one in known.items()}
+    out = {}
+    for name in courses:
+        order = np.lexsort((np.random.default_rng(1).random(run.size), known[name].values))
+        out[name] = frozenset(other for other, values in courses.items() if other != name and np.sum(
+            np.diff(values[:, order])**2) < LITTLE * 2 * run.size * np.sum(np.var(values, axis=1)))
+    return out
+
+
+def _closure(some: Iterable[str], same: Mapping[str, frozenset[str]]) -> frozenset[str]:
+    """Return all variables that some determine, two places among them all three."""
+    found = _whole(some)
+    while (more := _whole(found.union(*(same.get(one, frozenset()) for one in found)))) != found:
+        found = more
+    return found
+
+
+def _agrees(level: Record, body: Names, hidden: Variables, same: Mapping[str, frozenset[str]]) -> bool:
     """Return whether a level states a body and its variables, or the same as a displacement of frame or plate.
 
-    A ball that moves is a displacement that depends on the ball."""
+    A ball that moves is a displacement that depends on the ball. Variables are those that are hidden where either set
+    determines the other in the run."""
     told = [frozenset(one) | ({'ball'} if 'ball' in level else set()) for one in level['variables']]
     bodies = {one.partition(' along ')[0] for one in level.get('motions', [level['motion']])}
     if bodies.isdisjoint(body):
         places = {place for one in body for place in BODIES[one]} if bodies <= {'frame', 'plate'} else set()
-        variables = (*(variables if 'ball' in level else ()), *(one | {place} for one in variables for place in places))
-    return not {*map(_whole, told)}.isdisjoint(map(_whole, variables))
+        hidden = (*(hidden if 'ball' in level else ()), *(one | {place} for one in hidden for place in places))
+    return any(_closure(one, same) == _closure(own, same) for one in told for own in hidden)
 
 
 def _whole(variables: Iterable[str]) -> frozenset[str]:

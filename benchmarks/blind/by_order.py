@@ -24,7 +24,7 @@ from benchmarks.blind.runs import true_curves
 from rosette_ros.analysis import explanations_of, find
 from rosette_ros.cli.hidden_demo import SIZES
 from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
+from rosette_ros.core.records import ErrorMotions, Floats, Run, remove_gauge
 from rosette_ros.core.scheme import BACK, COMPLETE_ORDERS, plan
 from rosette_ros.core.stated_environment import Environment, Size
 from rosette_ros.core.uncertainty_budget import budget
@@ -53,15 +53,20 @@ def environment(n: int) -> Environment:
     return Environment('drawn', {}, {kind: Size(size * larger.get(kind, 1), 'as it is drawn') for kind in NAMED})
 
 
-def measured(n: int, order: str, seed: int, hides: bool) -> Record:
-    """Return what U of a machine's run in an order contains."""
+def run_of(n: int, order: str, seed: int, hides: bool) -> tuple[Machine, Run, Floats]:
+    """Return a machine, its run in an order, and its true curves without what no run knows."""
     config = MachineConfig().changed(seed=seed, plate={'balls': n}, **(
         {'hidden': {'seed': seed * 7919, **SIZES}} if hides else {}))
     machine, scheme = Machine(config), plan(n, order, seed)
     run = machine.run(scheme)
     quiet = MachineConfig().changed(seed=seed, plate={'balls': n}, probing={'repeatability_um': 0.0})
     whole = scheme if order in COMPLETE_ORDERS else plan(n, BACK[order], seed)
-    truth = remove_gauge(true_curves(Machine(quiet).run(whole)))
+    return machine, run, remove_gauge(true_curves(Machine(quiet).run(whole)))
+
+
+def measured(n: int, order: str, seed: int, hides: bool) -> Record:
+    """Return what U of a machine's run in an order contains."""
+    machine, run, truth = run_of(n, order, seed, hides)
     found, began = find(run), time.process_time()
     made = budget(found.final, BudgetInputs(environment=environment(n)),
                   explanations=explanations_of(found, found.final)).error_motions

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.blind.noise_kinds import Generator, Noise, Readings, draw_noise
 from rosette_ros.core.geometry import nominal_angles, radial, rotate_z
 from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import COMPLETE_ORDERS, nominal_places, plan
+from rosette_ros.core.scheme import COMPLETE_ORDERS, Scheme, nominal_places, plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden_effect import Situation, acting
 
@@ -45,10 +45,20 @@ class Plan:
 
         effects: have methods named in HOOKS, and act on it.
         """
+        machine = self.machine(*effects)
+        return machine.run(self.scheme), machine
+
+    def machine(self, *effects: Any) -> Machine:
+        """Return the machine before it measures; arguments as of `measure`."""
         machine = Machine(MachineConfig().changed(
             seed=self.seed, plate={'balls': self.n}, probing={'repeatability_um': 0.0}, **dict(self.groups)))
         machine._acting = acting(effects)
-        return machine.run(plan(self.n, self.order, self.seed, self.turning)), machine
+        return machine
+
+    @property
+    def scheme(self) -> Scheme:
+        """The order in which it measures."""
+        return plan(self.n, self.order, self.seed, self.turning)
 
 
 def situation(clean: Run, machine: Machine) -> Situation:

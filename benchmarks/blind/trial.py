@@ -12,7 +12,17 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.blind.answers import Record, answered, judged, law_judged, level_judged, remaining, truths, within
+from benchmarks.blind.answers import (
+    Record,
+    answered,
+    determined,
+    judged,
+    law_judged,
+    level_judged,
+    remaining,
+    truths,
+    within,
+)
 from benchmarks.blind.cause import Cause, Names, Variables
 from benchmarks.blind.library import alike, statement
 from benchmarks.blind.noise_kinds import KINDS
@@ -144,7 +154,8 @@ class Trial:
         for claim, is_true in zip(answer['claims'], true):
             claim['true'] = is_true
         levels = answer['levels'] or ()
-        for level, is_true, law in zip(levels, level_judged(levels, truth), law_judged(levels, truth, left)):
+        is_said = level_judged(levels, truth, determined(found.final.run))
+        for level, is_true, law in zip(levels, is_said, law_judged(levels, truth, left)):
             level.update(true=is_true, law_true=law)
         return {'trial': self.name, 'set': self.set, 'kinds': list(self.kinds), 'strength': self.strength,
                 'noise': self.noise, 'stated': self.stated, 'order': truth.order, 'n': self.n, 'seed': self.seed,

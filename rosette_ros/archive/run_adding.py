@@ -20,6 +20,7 @@ from rosette_ros.archive.run_row import STATED, Row, evaluation_row, heading
 from rosette_ros.core.errors import RosetteError, one_line
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
+from rosette_ros.core.stated_environment import Environment
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import PROBE_TARGET, LogRun
@@ -62,12 +63,13 @@ class Added:
 
 def add_logs(archive: RunArchive, logs: Sequence[FoundLog], engine: Engine, model: Model | None = None,
              identity: Identity | None = None, force: bool = False, keep_identity: bool = False,
-             on_progress: Callable[[Added, int], object] = lambda added, left: None) -> Added:
+             on_progress: Callable[[Added, int], object] = lambda added, left: None,
+             environment: Environment | None = None) -> Added:
     """Evaluate the logs that an archive does not hold under a model and this version, and write their rows.
 
     identity: stated in place of what logs state; force: evaluate all again; keep_identity: runs that the archive knows
     under another model keep what is stated there; on_progress: called after each log with what was Added so far, and
-    how many are left. Raises InvalidData where the archive cannot be written."""
+    how many are left; environment: that is stated. Raises InvalidData where the archive cannot be written."""
     model = model or Model()
     archive.check_writable()
     known = archive.read_rows(('path', 'stamp', 'log_sha256'), "model_hash = ? AND version = ? AND log_sha256 <> ''",
@@ -90,7 +92,8 @@ def add_logs(archive: RunArchive, logs: Sequence[FoundLog], engine: Engine, mode
                     contents.update({digest} - {''})
                     yield log, digest, problem
     try:
-        for (log, *_), made in engine.results(partial(rows_of, model=model, identity=identity), to_evaluate()):
+        for (log, *_), made in engine.results(partial(rows_of, model=model, identity=identity,
+                                                        environment=environment), to_evaluate()):
             made = made or [heading('', log.path, log.stamp, model, _now(), problem=KILLED)]
             is_bad = any(row['problem'] for row in made)
             added = replace(added, new=added.new + 1, evaluated=added.evaluated + (not is_bad),
@@ -128,7 +131,8 @@ def digests(logs: Iterable[FoundLog]) -> list[Digest]:
     return found
 
 
-def rows_of(digest: Digest, model: Model, identity: Identity | None = None) -> list[Row]:
+def rows_of(digest: Digest, model: Model, identity: Identity | None = None,
+            environment: Environment | None = None) -> list[Row]:
     """Return the rows of a log: one for each of its runs, or one that says why there is none."""
     log, content, problem = digest
     now = _now()
@@ -143,13 +147,13 @@ def rows_of(digest: Digest, model: Model, identity: Identity | None = None) -> l
                     run, source = open_one()
                     found = find(run, model) if run.n <= MOST_BALLS_JUDGED else None
                     rows.append({**head(run_id=run.run_id),
-                                 **evaluation_row(analyse(run, model), found, source, cell, identity)})
+                                 **evaluation_row(analyse(run, model), found, source, cell, identity, environment)})
                 except RosetteError as error:
                     rows.append(head(run_id=run_id, problem=_words(error, path)))
     except RosetteError as error:
         rows.append(head(problem=_words(error, path)))
     except Exception as error:  # one log must not end the evaluation of all others; its row tells
-        rows.append(head(problem=f'an error of the program, please report it: {error!r}'))
+        rows.append(head(problem=f'an error of the program, please report it: {one_line(error)}'))
     return rows
 
 

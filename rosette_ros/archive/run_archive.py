@@ -11,6 +11,7 @@ added twice is decided when rows are read (`ROWS`). A file is removed only after
 import datetime
 import io
 import json
+import logging
 import os
 import re
 import secrets
@@ -57,12 +58,23 @@ def local_folder(name: str | Path) -> Path:
     return Path(text).absolute()
 
 
+def _damage(path: Path) -> str:
+    """Return why a file with rows cannot be read, in words; '' where it can, or is gone."""
+    try:
+        pq.read_table(path)
+    except FileNotFoundError:
+        return ''
+    except (pa.ArrowException, OSError) as error:
+        return ' '.join(str(error).split())[:120]
+    return ''
+
+
 class RunArchive:
     """An archive of runs in a folder; raises InvalidData where it is none, or of a newer version of the format."""
 
     def __init__(self, folder: str | Path, make: bool = False) -> None:
         """Open an archive; make: where there is none yet, make one."""
-        self.folder = local_folder(folder)
+        self.folder, self._damaged = local_folder(folder), set[Path]()
         mark = self.folder / MARK
         if make and not mark.exists():
             self._make(mark)
@@ -90,10 +102,11 @@ class RunArchive:
 
     @property
     def parts(self) -> list[Path]:
-        """The files with rows."""
+        """The files with rows, without those that were found damaged."""
         with reading(self.folder / PARTS, 'the files of an archive'):
             return sorted(path for path in (self.folder / PARTS).iterdir()
-                          if path.suffix == '.parquet' and not path.name.startswith('.') and is_regular(path))
+                          if path.suffix == '.parquet' and not path.name.startswith('.') and path not in self._damaged
+                          and is_regular(path))
 
     def check_writable(self) -> None:
         """Raise InvalidData where no file can be written: better before hours of work than after."""
@@ -126,10 +139,21 @@ class RunArchive:
             try:
                 return self._query(sql, values, {'runs': ROWS, **(views or {})}, parts)
             except duckdb.Error as error:
-                if all(path.exists() for path in parts):  # else another process has just joined some
+                if all(path.exists() for path in parts) and not self._leave_out_damaged(parts):
+                    # else another process has just joined some
                     raise InvalidData(f'{self.folder}: {" ".join(str(error).split())}') from error
             except RuntimeError as error:  # DuckDB puts it in the place of what the handler of a signal raises
                 raise KeyboardInterrupt from error
+
+    def _leave_out_damaged(self, parts: Iterable[Path]) -> bool:
+        """Name the files that cannot be read, leave them out from now on, and return whether there are any."""
+        damaged = {path: words for path in parts if (words := _damage(path))}
+        for path, words in damaged.items():
+            logging.getLogger(__name__).warning(
+                '%s: left out, as it is damaged (%s); its rows are missing: `rosette archive add LOGS --into %s` '
+                'restores them, then delete this file', path, words, self.folder)
+        self._damaged |= damaged.keys()
+        return bool(damaged)
 
     def _query(self, sql: str, values: Sequence[Any], views: Mapping[str, str], parts: Iterable[Path]) -> pa.Table:
         with duckdb.connect() as base:
@@ -158,7 +182,8 @@ class RunArchive:
         """Join the small files where there are many of them; return what was done in words, '' for nothing.
 
         Of several processes that do so at once, one that finds its files gone leaves the rest to the others."""
-        with suppress(FileNotFoundError, duckdb.IOException):
+        with suppress(FileNotFoundError, duckdb.Error):
+            self.query('SELECT 1 FROM runs LIMIT 1')  # which leaves out what is damaged
             return self._join_small()
         return ''
 

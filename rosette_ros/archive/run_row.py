@@ -6,16 +6,21 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
 from rosette_ros import __version__
+from rosette_ros.analysis import explanations_of, in_environment
+from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
-from rosette_ros.core.error_summary import COVERAGE_FACTOR, fit_lines
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, stated_lines
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.records import Floats
+from rosette_ros.core.stated_environment import Environment
+from rosette_ros.core.uncertainty_budget import budget
 from rosette_ros.io.identity_file import Identity, format_identity
+from rosette_ros.io.reading_checks import known_temperatures
 from rosette_ros.presentation.json_output import CURVE_KEYS, verdict_json
 from rosette_ros.presentation.report.provenance import Source, order_of
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
@@ -67,8 +72,10 @@ COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ('repeatability_m', _REAL, 'standard deviation of a coordinate from repeated readings; null where not known'),
     ('rms_m', _REAL, 'residual under the model, root of the square sum per degree of freedom'),
     ('sigma_m', _REAL, 'standard deviation of a coordinate on which the uncertainties rest'),
+    ('environment', _TEXT, 'name of the environment of which U contains what the order hides; empty where none is '
+                           'stated'),
     ('dof', _WHOLE, 'degrees of freedom of the residual'),
-    ('lack_of_fit_p', _REAL, 'probability that noise of the repeatability leaves as much; null where not known'),
+    ('lack_of_fit_p', _REAL, 'p-value of the lack-of-fit test; null where not known'),
     ('final_rms_m', _REAL, 'residual with all that the diagnosis names; null where there was none'),
     ('outcome', _TEXT, 'what the run decides about the model; null on plates too large to be judged unasked'),
     ('level', _TEXT, 'good, doubtful or bad; null likewise'),
@@ -83,7 +90,8 @@ COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     *((key, _REALS, f'error motion at the n angles, {key.partition("_")[0]} (VDI/VDE 2617), under the model')
       for key in CURVE_KEYS),
     *((f'U_{key}', _REALS, f'its expanded uncertainty at each angle, k = {COVERAGE_FACTOR}') for key in CURVE_KEYS),
-    *((f'range_{key}', _REAL, 'peak to valley of the curve, the error after ISO 230-7') for key in CURVE_KEYS),
+    *((f'range_{key}', _REAL, 'range of the curve, the synchronous error motion value (ISO 230-7)')
+      for key in CURVE_KEYS),
     *((f'U_range_{key}', _REAL, f'its expanded uncertainty, k = {COVERAGE_FACTOR}') for key in CURVE_KEYS),
     *((f'{prefix}{what}_{axis}_m', _REALS, f'{words} {axis} at the n {places}, in the order of their numbers')
       for what, places in (('plate', 'balls'), ('cmm', 'CMM positions'))
@@ -108,17 +116,20 @@ def heading(log_sha256: str, path: str, stamp: str, model: Model, added_at: date
 
 
 def evaluation_row(fit: Fit, finding: Finding | None = None, source: Source | None = None, cell: str = '',
-                   identity: Identity | None = None) -> Row:
+                   identity: Identity | None = None, environment: Environment | None = None) -> Row:
     """Return what a row says of an evaluation.
 
     finding: None where the run was not diagnosed; source: of the run, None where it comes from no file; identity: in
-    place of that of the source."""
-    run, motions = fit.run, fit.error_motions
-    known = run.temperature[np.isfinite(run.temperature)]
+    place of that of the source; environment: that is stated, which curves and U are taken in."""
+    run, made = fit.run, None
+    if environment and run.n <= MOST_BALLS:
+        made = budget(fit, BudgetInputs(environment=environment),
+                      explanations=explanations_of(finding, fit) if finding else ())
+    known = known_temperatures(run)
     identity = identity or (source.identity if source else Identity())
-    verdict = finding.verdict if finding else None
+    verdict = in_environment(finding.verdict, finding.final, environment) if finding else None
     in_model = len(fit.effects)
-    lines = fit_lines(fit)
+    motions, lines = stated_lines(fit, made)
     return {
         'measured_at': _time(source.begun if source else '', identity['measured.begin']),
         'ended_at': _time(source.ended if source else '', identity['measured.end']), 'cell': cell,
@@ -128,7 +139,8 @@ def evaluation_row(fit: Fit, finding: Finding | None = None, source: Source | No
         'plan': order_of(run, source),
         **dict(zip((f'temperature_{name}_C' for name in ('mean', 'min', 'max')),
                    (float(one) for one in (known.mean(), known.min(), known.max())) if known.size else (None,) * 3)),
-        'repeatability_m': run.repeatability, 'rms_m': fit.rms, 'sigma_m': fit.sigma, 'dof': fit.dof,
+        'repeatability_m': run.repeatability, 'rms_m': fit.rms, 'sigma_m': fit.sigma,
+        'environment': environment.name if made and environment else '', 'dof': fit.dof,
         'lack_of_fit_p': fit.lack_of_fit_p, 'final_rms_m': finding.final.rms if finding else None,
         **verdict_json(verdict_text(verdict) if verdict else None),
         'missing': list(finding.missing) if finding else None,

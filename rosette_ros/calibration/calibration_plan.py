@@ -1,16 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """What one calibration measures, in order: the scheme and the phases around it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rosette_ros.core.axes import words
+from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import Frame, nominal_angles
-from rosette_ros.core.records import Ints
+from rosette_ros.core.records import Floats, Ints
 from rosette_ros.core.scheme import Scheme, cmm_position
 from rosette_ros.io.messages import TABLE_FRAME, Phase, Target
+from rosette_ros.io.plan_file import LONGEST_WAIT
+
+BLOCK = ('table_position', 'ball', 'approach', 'wait')
+"""Columns of readings that are added to a plan."""
+
+
+def block_of(n: int, columns: Mapping[str, ArrayLike]) -> Scheme:
+    """Return readings on n balls by their columns, BLOCK; raises InvalidPlan where they cannot be measured."""
+    made = {name: np.asarray(columns[name], dtype=float if name == 'wait' else np.int64) for name in BLOCK}
+    table, ball, approach, wait = made.values()
+    if not (table.size == ball.size == approach.size == wait.size and np.isin([table, ball], np.arange(1, n + 1)).all()
+            and np.isin(approach, (-1, 1)).all() and np.all((wait >= 0) & (wait <= LONGEST_WAIT))):
+        raise InvalidPlan(f'readings that are added: wanted table position and ball in 1..{n}, approach +1 or -1 and a '
+                          f'wait of 0 to {LONGEST_WAIT} s of each, got {made!r:.200}')
+    return Scheme(n, 'added', 0, table, ball, approach, wait=wait)
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +37,8 @@ class CalibrationPlan:
 
     phase, table_position, ball, approach, touches, session: (N,), approach the sense in which the table gets, or got,
     there, touches 0 for as many as the CMM usually makes, session one more after every pause that is
-    planned; taught: the table frame in machine coordinates as roughly known before the alignment."""
+    planned; wait: (N,) s for which the cell stands still before; taught: the table frame in machine coordinates as
+    roughly known before the alignment; scheme: of the run before readings were added."""
 
     scheme: Scheme
     radius: float
@@ -30,6 +49,30 @@ class CalibrationPlan:
     approach: Ints
     touches: Ints
     session: Ints
+    wait: Floats
+
+    def followed_by(self, block: Scheme) -> 'CalibrationPlan':
+        """Return the plan with the readings of a block after those of its run, in the last session."""
+        end = self.run_end
+        added = {'phase': Phase.RUN, 'table_position': block.table_position, 'ball': block.ball,
+                 'approach': block.approach, 'touches': np.where(block.touches > 0, block.touches, self.touches[0]),
+                 'session': self.session[end - 1], 'wait': block.wait}
+        columns: dict[str, Any] = {
+            name: np.insert(getattr(self, name), end, np.broadcast_to(values, block.ball.shape))
+            for name, values in added.items()}
+        return replace(self, **columns)
+
+    @property
+    def run_end(self) -> int:
+        """Index of the first target after the run, N where none is."""
+        return int(np.searchsorted(self.phase, Phase.RUN, 'right'))
+
+    @property
+    def added(self) -> Scheme:
+        """The readings that were added to the scheme."""
+        rows = slice(int(np.searchsorted(self.phase, Phase.RUN)) + self.scheme.ball.size, self.run_end)
+        return replace(self.scheme, **{name: getattr(self, name)[rows] for name in (
+            'table_position', 'ball', 'approach', 'touches', 'session', 'wait')})
 
     def placed(self, target: Target, frame: Frame, frame_id: str) -> Target:
         """Return a target in the machine frame, where the table frame is, or in the table frame.
@@ -104,4 +147,6 @@ def plan_calibration(scheme: Scheme, radius: float, taught: Frame, repeats: int 
     in_run = phase == Phase.RUN
     number, session = np.full(phase.size, usual), np.where(phase == Phase.DRIFT_CHECK, scheme.session[-1], 1)
     number[in_run], session[in_run] = of_run, scheme.session
-    return CalibrationPlan(scheme, radius, taught, phase, position, ball, approach, number, session)
+    wait = np.zeros(phase.size)
+    wait[in_run] = scheme.wait
+    return CalibrationPlan(scheme, radius, taught, phase, position, ball, approach, number, session, wait)

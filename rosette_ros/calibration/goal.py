@@ -1,23 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """A calibration from its request on: what was asked, what is planned, what an earlier part of the run has measured."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from itertools import count, takewhile
 from typing import Any
 
 import yaml
 
 from rosette_ros.calibration import settings
-from rosette_ros.calibration.calibration_plan import CalibrationPlan
+from rosette_ros.calibration.calibration_plan import CalibrationPlan, block_of
 from rosette_ros.calibration.settings import Value
 from rosette_ros.calibration.state_machine import Sequence
 from rosette_ros.core.errors import CellError, InvalidConfig, plain
-from rosette_ros.io.messages import Phase, answer_of, target_of
+from rosette_ros.core.scheme import Scheme
+from rosette_ros.io.messages import Phase, Target, answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
-SUCCEEDED = 5
-"""Kind of the CalibrationEvent of a run that ended in success."""
+SUCCEEDED, EXTENDED = 5, 8
+"""Kinds of CalibrationEvents: a run ended in success; readings were added to its plan, or are not any more."""
 OF_EVENT = {'order': '', 'seed': 0, 'options': ''}
 """Fields of the goal that a CalibrationEvent has too, and what they are where they are not set."""
 
@@ -57,7 +59,7 @@ class Job:
     sequence: Sequence
     request: Request
     order: str
-    settings: str = ''  # what it was planned with, YAML
+    planned: str = ''  # what it was planned with, YAML
     joint_with: Collection[str] = ()  # runs that are evaluated as one with it
     resumes: str = ''  # name of the log that it continues
     goal: Any = None  # None: requested by the service
@@ -78,6 +80,11 @@ class Job:
     def run_id(self) -> str:
         """The name of the run."""
         return self.sequence.run_id
+
+    @property
+    def settings(self) -> str:
+        """What it was planned with, and what was added to its plan, YAML."""
+        return self.planned + settings.format_added(self.sequence.plan)
 
     @property
     def is_over(self) -> bool:
@@ -134,7 +141,10 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
     values = settings.with_identity(settings.changed_settings(configured, changes))
     plan = settings.plan_of(values)
     run_id = settings.run_name(datetime.now(UTC), plan.scheme.order, taken)
-    return Job(Sequence(run_id, plan, settings.limits_of(values)), request, plan.scheme.order,
+    until = settings.until_of(values)
+    if until is None and 'most_readings' in request.goal:
+        raise InvalidConfig('goal: most_readings: wanted until_probability or until_uncertainty beside it, got neither')
+    return Job(Sequence(run_id, plan, settings.limits_of(values), until=until), request, plan.scheme.order,
                settings.format_settings(values), joint_with)
 
 
@@ -148,6 +158,8 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
     refuse_other_plan(changes, planned, run_id)
     values = settings.with_identity({**values, **planned})
     plan = settings.plan_of(values)
+    if settings.until_of(values):
+        plan = plan.followed_by(_asked_beyond(plan, map(target_of, recalled.targets), run_id))
     earlier = earlier_answers(recalled, plan)
     if known is not None and known.run_id == run_id:
         targets, answers = known.lacking_in(earlier)
@@ -157,8 +169,22 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
             earlier.add_answer(answer)
     if any(event.kind == SUCCEEDED for event in recalled.events):
         raise CellError(f'resume: run {run_id} lacks nothing: it ended in success and its log is closed')
-    return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, plan.scheme.order,
-               settings.format_settings(values), resumes=recalled.log, located_ns=earlier.run_begin())
+    sequence = Sequence(run_id, plan, settings.limits_of(values), earlier, until=settings.until_of(values))
+    return Job(sequence, request, plan.scheme.order, settings.format_settings(values), resumes=recalled.log,
+               located_ns=earlier.run_begin())
+
+
+def _asked_beyond(plan: CalibrationPlan, targets: Iterable[Target], run_id: str) -> Scheme:
+    """Return the readings of a block of which a log has targets, and lacks the event that names it."""
+    beyond = {one.seq: one for one in targets
+              if one.run_id == run_id and one.phase == Phase.RUN and one.seq > plan.run_end}
+    asked = [beyond[seq] for seq in takewhile(beyond.__contains__, count(plan.run_end + 1))]
+    columns = {name: [getattr(one, name) for one in asked] for name in ('table_position', 'ball')}
+    sense, approach = int(plan.approach[plan.run_end - 1]), []
+    for one in asked:
+        sense = one.approach or sense
+        approach.append(sense)
+    return block_of(plan.scheme.n, {**columns, 'approach': approach, 'wait': [0.0] * len(asked)})
 
 
 def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from rosette_ros.calibration.calibration_plan import CalibrationPlan, plan_calibration
-from rosette_ros.calibration.state_machine import Limits
+from rosette_ros.calibration.calibration_plan import BLOCK, CalibrationPlan, block_of, plan_calibration
+from rosette_ros.calibration.commands import Limits, Until
 from rosette_ros.core.axes import taught_frame
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.errors import InvalidConfig, InvalidPlan
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, places_in_use, plan
 from rosette_ros.io.identity_file import format_identity, parse_identity, read_identity
@@ -98,6 +98,14 @@ RUN = (
     Wanted('touches', 0, 'touches of each ball, 0: as the CMM usually does', 0, 1000),
     Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),
     Wanted('drift_check', True, 'whether the first ball is measured again after the run'))
+UNTIL = (
+    Wanted('until.probability', 0.0, 'probability from which on what the model lacks is settled: until then readings '
+           'are added to the plan; above 0.5 and below 1, 0: none are', 0.0, 1.0),
+    Wanted('until.uncertainty_m', 0.0, 'likewise the largest expanded uncertainty (k = 2) of the curves, m, rotations '
+           'at the radius of the balls; 0: any', 0.0, 1.0),
+    Wanted('until.most_readings', 0, 'most readings that are added; 0: as many as the plan has', 0, 1_000_000))
+ADDED = Wanted('added', '', 'readings that were added to the plan: table position, ball, sense of the table and wait '
+               '(s) of each, separated by commas')
 PLAN = Wanted('plan', '', 'plan file to run instead of an order: its path, or its text (rosette-plan/1)')
 PLATE_FILE = Wanted('plate.file', '', 'plate file of balls at other places than an equal pitch (rosette-plate/1): '
                     'its path, or its text; plate.balls is then the number of table positions')
@@ -118,11 +126,13 @@ PLACES = ('cmm_positions', 'balls_in_use')
 IDENTITY = Wanted('identity', '', 'identity file (rosette-identity/1), kept in the log of a run: its path, or its text')
 RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or its path')
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
-PLANNED = PLATE + TABLE + RUN + (PLAN, PLATE_FILE)  # what decides which targets a calibration has
+PLANNED = PLATE + TABLE + RUN + UNTIL + (PLAN, PLATE_FILE)  # what decides which targets a calibration has
 FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 'turning': 'turning',
           'cmm_positions': 'cmm_positions', 'balls_in_use': 'balls_in_use', 'touches': 'touches', 'repeats': 'repeats',
           'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
-          'resume': 'resume', 'plan': 'plan', 'plate': 'plate.file', 'table_offset': 'table_offset_deg'}
+          'until_probability': 'until.probability', 'until_uncertainty': 'until.uncertainty_m',
+          'most_readings': 'until.most_readings', 'resume': 'resume', 'plan': 'plan', 'plate': 'plate.file',
+          'table_offset': 'table_offset_deg'}
 """Fields of a goal by the setting that each changes."""
 NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
 """What the constants of Calibrate.action stand for."""
@@ -134,7 +144,7 @@ BY_PLATE = ('plate.radius_m', 'balls_in_use')
 
 def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
     """Return what the fields of a goal that are set, by name, change, name to value; raises InvalidConfig."""
-    known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *LIMITS, PLAN, PLATE_FILE, RESUME)}
+    known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *UNTIL, *LIMITS, PLAN, PLATE_FILE, RESUME)}
     changes = {}
     for field, value in goal.items():
         if field in FIELDS:
@@ -226,8 +236,36 @@ def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
     scheme = scheme_of_settings(values)
     taught = taught_frame(values['table.origin_m'], values['table.axis'], np.deg2rad(values['table.azimuth_deg']))
     plate = _plate(values)
-    return plan_calibration(scheme, values['plate.radius_m'], taught, values['repeats'], values['drift_check'],
+    made = plan_calibration(scheme, values['plate.radius_m'], taught, values['repeats'], values['drift_check'],
                             values['touches'], plate.places(scheme.n) if plate else ())
+    return made.followed_by(_parse_added(str(values.get(ADDED.name, '')), scheme))
+
+
+def format_added(plan: CalibrationPlan) -> str:
+    """Return the line that settings have besides where readings were added to their plan, '' where none were."""
+    rows = zip(*(getattr(plan.added, name).tolist() for name in BLOCK))
+    text = ', '.join(' '.join(map(str, row)) for row in rows)
+    return f'{ADDED.name}: "{text}"\n' if text else ''
+
+
+def _parse_added(text: str, scheme: Scheme) -> Scheme:
+    """Return the readings that a setting names, none where it is empty; raises InvalidConfig."""
+    try:
+        columns = list(zip(*(row.split() for row in text.split(',') if row.strip()), strict=True)) or [()] * len(BLOCK)
+        kinds = (int, int, int, float)
+        return block_of(scheme.n, {name: list(map(kind, column))
+                                   for name, kind, column in zip(BLOCK, kinds, columns, strict=True)})
+    except (InvalidPlan, ValueError, OverflowError) as error:
+        raise InvalidConfig(f'{ADDED.name}: wanted {ADDED.text}, got {text!r:.80}') from error
+
+
+def until_of(values: Mapping[str, Any]) -> Until | None:
+    """Return until when readings are added, None where none are; values: name to value, all of UNTIL."""
+    probability, uncertainty, most = (values[one.name] for one in UNTIL)
+    if probability and not 0.5 < probability < 1:
+        raise InvalidConfig(f'{UNTIL[0].name}: wanted a number above 0.5 and below 1, or 0 for none, got '
+                            f'{probability:g}')
+    return Until(probability, uncertainty, most) if probability or uncertainty else None
 
 
 def scheme_of_settings(values: Mapping[str, Any]) -> Scheme:
@@ -268,9 +306,9 @@ def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
     given = parse_mapping(text, where, MOST_SETTINGS, 'order: row', InvalidConfig)
     # those that the first logs lack, or that are left out
-    later = ('table.axis', 'touches', 'table_offset_deg', *PLACES, 'plate.file',
+    later = ('table.axis', 'touches', 'table_offset_deg', *PLACES, 'plate.file', *(one.name for one in UNTIL),
              *(BY_PLAN[2:] if 'plan' in given else ('plan',)))
-    known = (*PLANNED, *[IDENTITY] * (IDENTITY.name in given))
+    known = (*PLANNED, *(one for one in (IDENTITY, ADDED) if one.name in given))
     return _of_plan({wanted.name: wanted.check(given.get(wanted.name, wanted.default if wanted.name in later else None),
                                                where) for wanted in known}, where=f'{where}: plan')
 

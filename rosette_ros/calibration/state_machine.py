@@ -8,15 +8,30 @@ import shlex
 from array import array
 from collections import deque
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
+from rosette_ros.calibration.commands import (
+    Ask,
+    AskNext,
+    Command,
+    Commands,
+    Extended,
+    Finish,
+    Limits,
+    Locate,
+    PublishRun,
+    PublishState,
+    Remark,
+    Results,
+    Until,
+    Verify,
+)
 from rosette_ros.core.axes import refuse_other_axis, refuse_other_sense
 from rosette_ros.core.errors import RosetteError, plain
 from rosette_ros.core.geometry import Frame, table_frame, wrap
+from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers
@@ -25,81 +40,6 @@ PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
 KEPT, NOTHING, CONTINUE = 'what was measured is in', 'nothing was measured', 'continue with: '
 PAUSE = 'the plan has a pause here, resume the run after it'
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When to ask again and when to give up; `settings.LIMITS` describes each field, with its unit."""
-
-    answer_timeout: float = 120.0
-    attempts: int = 3
-    skips: int = 3
-    evaluation_timeout: float = 120.0
-    return_timeout: float = 60.0
-    search: float = 0.02
-    distance: float = 0.005
-    angle: float = 0.01
-
-
-class Results(NamedTuple):
-    """What the evaluator has published of a run: the error motions by their stamp, ns, their readings and the model by
-    their hashes, and whether a diagnosis."""
-
-    stamp_ns: int
-    readings_hash: str
-    model_hash: str
-    diagnosed: bool
-
-
-@dataclass(frozen=True)
-class Ask:
-    """Send this target to the CMM."""
-
-    target: Target
-
-
-@dataclass(frozen=True)
-class Locate:
-    """Publish the table frame in the machine frame, found at this ROS time, ns."""
-
-    frame: Frame
-    stamp_ns: int
-
-
-@dataclass(frozen=True)
-class PublishState:
-    """Publish the state: the phase has changed."""
-
-
-@dataclass(frozen=True)
-class PublishRun:
-    """Publish all targets and answers: they are complete."""
-
-
-@dataclass(frozen=True)
-class Verify:
-    """Find out whether the log holds these results and their readings; then `verified`."""
-
-    results: Results
-
-
-@dataclass(frozen=True)
-class Remark:
-    """Log a warning."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Finish:
-    """The calibration has ended in this phase, for this reason."""
-
-    phase: Phase
-    text: str
-
-
-Command = Ask | Locate | PublishState | PublishRun | Verify | Remark | Finish
-Commands = tuple[Command, ...]
 
 
 def with_advice(words: str, log: str, is_measured: bool, where: Collection[str]) -> str:
@@ -144,11 +84,13 @@ class Sequence:
     and received, as the log does."""
 
     def __init__(self, run_id: str, plan: CalibrationPlan, limits: Limits, earlier: RunAnswers | None = None,
-                 verifies: bool = False) -> None:
+                 verifies: bool = False, until: Until | None = None) -> None:
         """Prepare; nothing is asked before begin().
 
-        earlier: what the log of an earlier part holds; verifies: whether a log is there."""
+        earlier: what the log of an earlier part holds; verifies: whether a log is there; until: when no more readings
+        are added to the plan, None: none are."""
         self.run_id, self.plan, self.limits, self.verifies = run_id, plan, limits, verifies
+        self.until, self.is_settling, self.open = until, until is not None, ''
         self.answers = earlier or RunAnswers(run_id)
         self.phase, self.text = Phase.IDLE, 'ready'
         self.skipped: list[Target] = []
@@ -195,8 +137,9 @@ class Sequence:
             return self.text
         place, size = self.plan.place_in_phase(target.seq - 1)
         again = '' if target.attempt == 1 else f', attempt {target.attempt}'
+        why = f'settling: {self.open}; ' if self.open and self.is_settling else ''
         left = f', about {left / 60:.0f} min left' if (left := self.left or 0) > TOLD_FROM else ''
-        return (f'{Phase(target.phase).name.lower().replace("_", " ")} {place} of {size}: table position '
+        return (f'{why}{Phase(target.phase).name.lower().replace("_", " ")} {place} of {size}: table position '
                 f'{target.table_position}, ball {target.ball}{again}{left}')
 
     def begin(self, now: float) -> Commands:
@@ -273,6 +216,42 @@ class Sequence:
                 or results.readings_hash != self.answers.readings_hash):
             return ()
         self._results = results
+        if not self.is_settling or self.until is None:
+            return self._check(results)
+        self.text, self._deadline = 'asking the evaluator which readings settle what is open', None
+        return AskNext(results, max(self._left_to_add, 1)), PublishState()
+
+    @property
+    def _left_to_add(self) -> int:
+        """How many readings may still be added to the plan."""
+        most = self.until.most if self.until else 0
+        return (most or self.plan.scheme.ball.size) - self.plan.added.ball.size
+
+    def decided(self, block: Scheme | None, text: str, now: float, is_settled: bool = False) -> Commands:
+        """Take the readings that follow, None where none do; text: what is settled or open."""
+        if self.phase is not Phase.EVALUATION or self._results is None or self._held or not self.is_settling:
+            return ()
+        self.open = text
+        if block is not None and self._left_to_add > 0:
+            self.plan = self.plan.followed_by(block)
+            return Extended(f'settling: {text}'), *self._next(now)
+        self.is_settling = False
+        if block is not None:
+            self.open = f'{text}, after as many readings as are to be added ({self.plan.added.ball.size})'
+        self.open = f'{"" if is_settled else "not "}settled: {self.open}'
+        more = self._next(now) if self._next_index < self.plan.total else self._check(self._results)
+        return Extended(self.open), *more
+
+    def not_decided(self, words: str, now: float) -> Commands:
+        """Take note that the evaluator has not said what follows: it is given the run again, not for ever."""
+        if self.phase is not Phase.EVALUATION or self._results is None or self._held or not self.is_settling:
+            return ()
+        self._tries += 1
+        if self._tries > self.limits.attempts:
+            return self.decided(None, words, now)
+        return Remark(f'the next readings are not known: {words}; asking again'), *self._evaluate(now)
+
+    def _check(self, results: Results) -> Commands:
         if not self.verifies:
             return self._done()
         self.text, self._deadline = 'verifying that the log holds the results', None
@@ -325,6 +304,8 @@ class Sequence:
         published, commands = self.phase, list[Command]()
         while self._next_index < self.plan.total:
             target = self.plan.target(self._next_index)
+            if self.is_settling and target.phase == Phase.DRIFT_CHECK:
+                break
             self._next_index += 1
             self.phase = Phase(target.phase)
             known, before = self.answers.answer_to(target.seq), self.answers.last_target(target.seq)
@@ -352,6 +333,7 @@ class Sequence:
         self.phase, self._deadline = Phase.DONE, None
         balls = ', '.join(f'table position {one.table_position} ball {one.ball}' for one in self.skipped)
         self.text = f'error motions are published{f"; {len(self.skipped)} left out: {balls}" * bool(balls)}'
+        self.text += f'; {self.open}' if self.open else ''
         self.text += ''.join(f'; {words} for a while: what they published then is not used' for words in self.disturbed)
         return *self._not_used(), PublishState(), Finish(self.phase, self.text)
 
@@ -373,14 +355,20 @@ class Sequence:
 
     def _ask(self, target: Target, now: float) -> Command:
         before = self.answers.last_target(target.seq)
-        self._asked = self._placed(target, 1 + (before.attempt if before else 0))._replace(stamp_ns=self._stamp())
+        wait = 0.0 if before else float(self.plan.wait[target.seq - 1])
+        self._asked = self._placed(target, 1 + (before.attempt if before else 0))._replace(stamp_ns=self._stamp(wait))
         self.answers.add_target(self._asked)
-        self._deadline = now + self.limits.answer_timeout
-        return Ask(self._asked)
+        self._deadline = now + wait + self.limits.answer_timeout
+        return Ask(self._asked, wait)
 
-    def _stamp(self) -> int:
-        """Return the ROS time, ns, in a run never less than before, nor than that of an answer that was taken."""
-        self._latest = max(self._latest, self.clock())
+    def is_asked(self, target: Target) -> bool:
+        """Return whether this is the target that is waited for."""
+        return self._asked is target and not self._held
+
+    def _stamp(self, wait: float = 0.0) -> int:
+        """Return the ROS time after a wait, s, in ns, in a run never less than before, nor than that of an answer that
+        was taken."""
+        self._latest = max(self._latest, self.clock()) + round(1e9 * wait)
         return self._latest
 
     def _again(self, words: str, now: float, is_refused: bool = False) -> Commands:

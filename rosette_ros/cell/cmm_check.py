@@ -257,7 +257,7 @@ def _plan(whole: CalibrationPlan, repeats: int) -> CalibrationPlan:
     phase = np.array([*[Phase.REPEATABILITY] * repeats, *[Phase.ALIGNMENT] * 7])
     ball = np.array([*[1] * (repeats + 6), np.unique(whole.scheme.ball)[1]])
     return CalibrationPlan(whole.scheme, whole.radius, whole.taught, phase, position, ball, sense,
-                           touches=np.zeros_like(phase), session=np.ones_like(phase))
+                           touches=np.zeros_like(phase), session=np.ones_like(phase), wait=np.zeros(phase.size))
 
 
 def _answers(complaints: list[str], total: int) -> Check:

@@ -20,7 +20,7 @@ from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES, Identity
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import NOTE
-from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED
+from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions
 
 DCC, SI, OWN = 'https://ptb.de/dcc', 'https://ptb.de/si', 'urn:rosette:certificate:1'
 SCHEMA = '3.3.0'
@@ -139,9 +139,10 @@ def _person(identity: Identity, section: str, role: str, signs: bool) -> Element
 def _statements(one: Certificate) -> list[Element]:
     every = [('SIMULATED', SIMULATED)] * one.is_simulated
     every += [('fit of the model', one.judgement), ('decision rule', f'{DECISION_RULE}.')]
-    every += [('not known', sentence) for sentence in one.unknown]
+    every += [('limitation', sentence) for sentence in one.unknown]
     every += [('not considered in U', sentence) for sentence in (one.budget.open if one.budget else ())]
-    every += [('not stated', f'{words}: {NOT_STATED}.') for words in one.missing]
+    every += [('missing mandatory data (ISO/IEC 17025, 7.8.2)', f'{words}: {NOT_STATED}.') for words in one.missing]
+    every += [('metrological traceability', words)] if (words := one.identity['traceability.name']) else []
     every += [('remarks', words)] if (words := one.identity['certificate.remarks']) else []
     every += [('place', words)] if (words := one.identity['place.name']) else []
     return [_dcc('statement', _named(name), *([_dcc('norm', 'ISO 14253-1')] if name == 'decision rule' else []),
@@ -163,9 +164,11 @@ def _result(one: Certificate, curves: CurveSet) -> Element:
         _dcc('measuringEquipments', *(_dcc(
             'measuringEquipment', _named(DEVICES[name]), *_equipment(one.identity, name))
             for name in DEVICES if name != 'table')),
-        _dcc('influenceConditions', *(condition for run in one.runs for condition in _conditions(run))),
+        _dcc('influenceConditions', *(condition for run in one.runs for condition in _conditions(run)), *(
+            _dcc('influenceCondition', _named(name), _dcc('data', _rich('text', words)))
+            for name, words in conditions(one.identity) if words)),
         _dcc('results', _curves(curves), _dcc(
-            'result', _named('the six errors after ISO 230-7'), _dcc('data', *(
+            'result', _named('error motions after ISO 230-7'), _dcc('data', *(
                 _error(line, curves.probability, one.beside_conformity) for line in curves.lines)),
             refType='rosette_iso_230_7'), *([_budget(one.budget)] if one.budget else [])),
         _dcc('measurementMetaData', *(_dcc('metaData', _named(name), _rich('declaration', words))
@@ -205,7 +208,7 @@ def _error(line: AxisError, probability: float, beside: str) -> Element:
         return [] if value is None else [_quantity(name, f'rosette_{line.curve}_{key}', 1e6 * value, unit,
                                                    None if expanded is None else 1e6 * expanded, probability)]
     wide = None if line.u_asynchronous is None else COVERAGE_FACTOR * line.u_asynchronous
-    ranged = quantity('range, peak to valley (synchronous error)', 'range', line.range, line.expanded)
+    ranged = quantity('range (synchronous error motion value)', 'range', line.range, line.expanded)
     if line.tolerance is not None and line.conformity is not None:
         within = 'conditionalPass' if line.range <= line.tolerance else 'conditionalFail'
         stated = 1e6 * line.tolerance  # 15 digits: 350 nm are 0.35 µm, not 0.35000000000000003
@@ -215,8 +218,8 @@ def _error(line: AxisError, probability: float, beside: str) -> Element:
                 f'{line.conformity}: {DECISION_RULE}', line.doubt, beside)))),
             _dcc('conformity', STATUS.get(line.conformity, within)), _dcc('data', limit))))
     return _dcc('list', _named(f'{line.curve} ({line.name})'), *ranged,
-                *quantity('once-per-turn (fundamental) part, peak to valley', 'once_per_turn', line.once_per_turn),
-                *quantity('residual part, peak to valley', 'residual', line.residual),
+                *quantity('range of the fundamental error motion', 'once_per_turn', line.once_per_turn),
+                *quantity('range of the residual synchronous error motion', 'residual', line.residual),
                 *quantity('asynchronous error motion value (width)', 'asynchronous', line.asynchronous, wide),
                 refType=f'rosette_line_{line.curve}')
 

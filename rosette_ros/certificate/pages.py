@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A certificate for people: two pages of PDF with the XML attached."""
+"""A certificate for people: pages of PDF with the XML attached."""
 
 import io
 import unicodedata
@@ -30,7 +30,7 @@ from rosette_ros.io.identity_file import DEVICES
 from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.formatting import CURVE_UNITS, glued
-from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, contact, signer
+from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions, contact, signer
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.tables import curves as values_of
 
@@ -47,9 +47,9 @@ NEGLIGIBLE = 0.05
 """A contribution below this share of u in each curve is named beneath the table of the budget, not a row of it."""
 WIDTHS = (1.0, 0.92, 0.85)
 """Shares of the width that the curves are tried with, until a page and one a set of curves do."""
-OF_RUN = ('Readings', 'Order', 'Table axis', 'Recording', 'Duration', 'Pauses', 'Temperature', 'Repeatability')
+OF_RUN = ('Readings', 'Sequence', 'Table axis', 'Recording', 'Duration', 'Pauses', 'Temperature', 'Repeatability')
 """What is told of a run that is the only one; of several, each has a line of OF_ONE_OF_SEVERAL."""
-OF_ONE_OF_SEVERAL = ('Readings', 'Order', 'Recording', 'Temperature')
+OF_ONE_OF_SEVERAL = ('Readings', 'Sequence', 'Recording', 'Temperature')
 
 
 class FigurePlace(Flowable):  # type: ignore[misc]  # reportlab has no types
@@ -142,19 +142,21 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
             identity['laboratory.accreditation'])))),
         ('Customer', '; '.join(filter(None, (contact(identity, 'customer'), f'order {identity["customer.order"]}'
                                              if identity['customer.order'] else '')))),
-        ('Place, days', f'{identity["place.name"] or NOT_STATED}; {one.days[0]} to {one.days[1]}'),
+        ('Place and date(s) of calibration', f'{identity["place.name"] or NOT_STATED}; {one.days[0]} to {one.days[1]}'),
         ('Operator', identity['operator.name'])])]
-    flowables += [_heading('What was calibrated, with what'), _grid(
+    flowables += [_heading('Calibration item and reference equipment'), _grid(
         [('', 'maker', 'model', 'serial number', 'calibration, remarks'), *(
             (f'<b>{words}</b>', *(_text(identity[f'{name}.{entry}'] or NOT_STATED)
                                   for entry in ('maker', 'model', 'serial')), _text('; '.join(filter(None, (
                                       identity[f'{name}.{entry}'] for entry in ('calibration', 'remarks'))))))
             for name, words in DEVICES.items())], (0.15, 0.2, 0.2, 0.2, 0.25))]
-    flowables += [_heading('What was measured, and how'),
+    flowables += [_heading('Measurement: method and conditions'),
                   _words(f'{_text(METHOD)} {_text(PAPER)}, <link href="{DOI}">{DOI.partition("org/")[2]}</link>.'),
-                  Spacer(1, 1 * mm), _pairs([*_measured(one.runs), *one.evaluation])]
-    flowables += [_heading('Result: the six errors of the table, ISO 230-7'), _words(f'<b>{_text(one.judgement)}</b>'),
-                  Spacer(1, 1 * mm)]
+                  Spacer(1, 1 * mm), _pairs([
+                      *_measured(one.runs), *((name, words or NOT_STATED) for name, words in conditions(identity)),
+                      ('Traceability', identity['traceability.name'] or NOT_STATED), *one.evaluation])]
+    flowables += [_heading('Results: error motions of the rotary table (ISO 230-7)'),
+                  _words(f'<b>{_text(one.judgement)}</b>'), Spacer(1, 1 * mm)]
     for curves in one.sets:
         table = error_results.errors(curves.lines).select(*SHOWN)
         if len(one.sets) > 1:
@@ -170,16 +172,16 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
         flowables += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
     if one.budget:
         flowables += _budget(one.budget)
-    flowables += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places,
+    flowables += [_heading('Error motions over the table angle, with the band of U (k = 2)'), *places,
                   *map(_values, one.sets)]
-    flowables += [_heading('What is not known'), *_bullets(one.unknown)]
+    flowables += [_heading('Limitations and conditions of validity'), *_bullets(one.unknown)]
     if one.missing:
-        flowables += [_heading('Not stated by the laboratory'), _words(_text(', '.join(one.missing)))]
+        flowables += [_heading('Missing mandatory data (ISO/IEC 17025, 7.8.2)'), _words(_text(', '.join(one.missing)))]
     flowables += [_heading('Data and software'), *_bullets(
         [*(f'{file.path}: SHA-256 {file.sha256}' for file in one.files),
          ', '.join(f'{name} {version}' for name, version in one.inputs.programs if version[:1].isdigit()),
-         'The digital certificate (DCC, XML) is attached to this file; it counts, these pages are for reading. It can '
-         'be verified against the run.'])]
+         'The attached XML document (DCC) is authoritative; this printout is for information. It can be verified '
+         'against the run.'])]
     return [*flowables, _signature(one)]
 
 

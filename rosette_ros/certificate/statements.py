@@ -5,7 +5,7 @@ All follows from the files of the runs and from Inputs, so that a certificate ca
 
 import datetime
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,10 +24,10 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.records import ErrorMotions, Floats, Run
 from rosette_ros.core.uncertainty_budget import Budget, budget, probability_of_u, touch_scatter
-from rosette_ros.io.budget_file import budget_inputs
+from rosette_ros.io.budget_file import budget_inputs, environment_of
 from rosette_ros.io.identity_file import Identity, words_of_entry
-from rosette_ros.io.open_run import has_plate, joint_identity, open_readings
-from rosette_ros.io.reading_checks import temperature_words
+from rosette_ros.io.open_run import has_plate, joint_identity
+from rosette_ros.io.reading_checks import known_temperatures, radius_words
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, environment_words
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
@@ -50,6 +50,9 @@ CONTENT_OF_U = 'contains the scatter of the readings and the uncertainty of the 
 OF_BUDGET = 'is that of the uncertainty budget, the root of the sum of its squares'
 HEAT = ('plate_expansion', 'frame_expansion')
 """Sections of an inputs file that bring heat into U."""
+
+
+Ask = Callable[[tuple[str, ...]], object]
 
 
 @dataclass(frozen=True)
@@ -138,19 +141,21 @@ class Certificate:
         return tuple(map(words_of_entry, self.identity.missing))
 
 
-def state(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
-    """Return what a certificate of runs states; raises RosetteError where something that it cannot do without lacks."""
+def state(paths: Sequence[str | Path], inputs: Inputs,
+          ask: Ask = lambda _: None) -> Certificate:
+    """Return what a certificate of runs states; raises RosetteError where something that it cannot do without lacks.
+
+    ask: is told the mandatory data that nobody stated, in words, before anything is calculated."""
     if not inputs.is_joint and not any(map(has_plate, paths)):
-        return _of_one(paths[0], inputs)
-    if inputs.budget:
-        raise InvalidData('certificate: wanted inputs of an uncertainty budget with one run of a regular plate only; '
-                          'leave --inputs out')
-    return _of_several(paths, inputs)
+        return _of_one(paths[0], inputs, ask)
+    return _of_several(paths, inputs, ask)
 
 
-def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
+def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
     run, source = open_source(path, inputs.run_id)
     identity, contradictions = source.identity.with_changes(inputs.identity)
+    measured = _measured(run, source)
+    days = _complete(identity, [measured], ask)
     limits = identity.limits(run.rotation)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
     given, verdict = budget_inputs(inputs.budget) if inputs.budget else BudgetInputs(), None
@@ -159,7 +164,7 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
         found = find(fit.run, fit.model)
         verdict = verdict_text(in_environment(found.verdict, found.final, given.environment))
         explanations = explanations_of(found, fit) if given.environment else ()
-    measured, doubt, made = _measured(run, source), doubt_of(verdict), None
+    doubt, made = doubt_of(verdict), None
     refit, untouched = touches_of(source)
     if inputs.budget or run.n <= MOST_BALLS:
         made = budget(fit, given, touch_scatter(refit), doubt=refuted(verdict), explanations=explanations)
@@ -170,53 +175,62 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
                   ('Uncertainty', text.uncertainty_words(fit)),
                   ('Environment', environment_words(given.environment)))
     dof = float(made.effective_dof.min()) if made else fit.dof
-    return _stated(inputs, identity, contradictions, [measured], [CurveSet('table', motions, lines, dof)], verdict,
-                   evaluation, unknown, source.files, made)
+    return _stated(inputs, identity, contradictions, days, [measured], [CurveSet('table', motions, lines, dof)],
+                   verdict, evaluation, unknown, source.files, made)
 
 
-def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
+def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certificate:
     opened = [open_with_files(path, inputs.run_id) for path in paths]
     logged, contradictions = joint_identity(paths, inputs.run_id)
     identity, changed = logged.with_changes(inputs.identity)
-    result = evaluate_jointly([run for run, _ in opened], inputs.sharing)
+    runs = [Measured(readings.name, (('Run', joint_head(readings)),), None, np.array([]), readings.simulated)
+            if has_plate(path) else _measured(*open_source(path, inputs.run_id))
+            for path, (readings, _) in zip(paths, opened, strict=True)]
+    days = _complete(identity, runs, ask)
+    given = environment_of(inputs.budget)
+    result = evaluate_jointly([run for run, _ in opened], inputs.sharing, given)
     conclusion = conclude(result)
     sets = [CurveSet(one.words, motions, lines, result.sigma_dof) for one, motions, lines in joint_lines(
         result, identity.limits(result.solution.model.runs[0].rotation), doubt_of(conclusion))]
-    runs = []
-    for path, readings in zip(paths, result.solution.model.runs, strict=True):
-        if has_plate(path):
-            runs.append(Measured(readings.name, (('Run', joint_head(open_readings(path))),), None, np.array([]),
-                                 readings.simulated))
-        else:
-            runs.append(_measured(*open_source(path, inputs.run_id)))
     rows = dict(joint_rows(result))
-    evaluation = tuple((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known'))
+    evaluation = (*((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known')),
+                  ('Environment', environment_words(given)))
     names = tuple(f'{run.name}:' for run in result.solution.model.runs)  # a name stays as it is
-    unknown = [f'Cannot be measured by these runs; removed from the curves: {rows["Not known"]}.', *(
+    unknown = [f'Cannot be measured by these runs; removed from the curves: {rows["Not determined"]}.', *(
         f'{note if note.startswith(names) else note[0].upper() + note[1:]}.' for note in result.notes)]
-    return _stated(inputs, identity, (*contradictions, *changed), runs, sets, conclusion_text(conclusion), evaluation,
-                   unknown, tuple(dict.fromkeys(file for _, files in opened for file in files)))
+    return _stated(inputs, identity, (*contradictions, *changed), days, runs, sets, conclusion_text(conclusion),
+                   evaluation, unknown, tuple(dict.fromkeys(file for _, files in opened for file in files)))
 
 
-def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], runs: Sequence[Measured],
-            sets: Sequence[CurveSet], verdict: VerdictText | ConclusionText | None,
-            evaluation: tuple[tuple[str, str], ...], unknown: Iterable[str], files: Sequence[FileDigest],
-            made: Budget | None = None) -> Certificate:
+def _complete(identity: Identity, runs: Sequence[Measured], ask: Ask) -> tuple[str, str]:
+    """Return the first and the last day; ask for the mandatory data that nobody stated, or raise InvalidData that
+    names all of them where there is no document without one."""
+    days = _days(identity, [run.days for run in runs if run.days])
     lacking = [entry for entry in NEEDED if not identity[entry]]
-    known = [run.days for run in runs if run.days]
-    days = _days(identity, known)
-    if days is None:
-        lacking += ['measured.begin', 'measured.end']
+    lacking += [] if days else ['measured.begin', 'measured.end']
+    others = tuple(words_of_entry(entry) for entry in identity.missing if entry not in lacking)
     if lacking or days is None:
+        also = f'; ISO/IEC 17025, 7.8.2 asks for these, too: {", ".join(others)}' if others else ''
         raise InvalidData(f'certificate: wanted {", ".join(map(words_of_entry, lacking))}, got none; state '
                           f'{", ".join(lacking)} in the identity file (--identity FILE; fill in a copy of '
-                          'config/identity.yaml)')
+                          f'config/identity.yaml){also}')
+    if others:
+        ask(others)
     _check_issue(identity['certificate.date'], days[1])
+    return days
+
+
+def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], days: tuple[str, str],
+            runs: Sequence[Measured], sets: Sequence[CurveSet], verdict: VerdictText | ConclusionText | None,
+            evaluation: tuple[tuple[str, str], ...], unknown: Iterable[str], files: Sequence[FileDigest],
+            made: Budget | None = None) -> Certificate:
     least = min(one.probability for one in sets)
+    environment = budget_inputs(inputs.budget).environment if inputs.budget else None
     content = (f'U (k = 2, about {100 * least:.0f} %) {OF_BUDGET if made else CONTENT_OF_U}; it does not contain '
-               f'effects that are not in the model{beyond_words(made)}, nor {lacking_in_u(made)}.')
+               f'effects that are not in the model{beyond_words(environment)}, nor {lacking_in_u(made)}.')
     further = [
-        'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',
+        'The results relate only to the item calibrated, under the conditions stated.',
+        'The temperature was not measured.' if not any(run.temperatures.size for run in runs) else '',
         *(f'Contradiction: {words}.' for words in contradictions), content]
     paths = {file.path: Path(file.path).name for file in files}
 
@@ -253,15 +267,17 @@ def _check_issue(issued: str, ended: str) -> None:
 
 
 def _measured(run: Run, source: Source) -> Measured:
+    if words := radius_words(run.radius):
+        raise InvalidData(f'{run.source}: wanted readings whose unit is sure for a certificate, got: {words}')
     days = (source.begun[:10], source.ended[:10]) if source.begun and source.ended else None
-    known = run.temperature[np.isfinite(run.temperature) & (temperature_words(run.temperature) == '')]
+    known = known_temperatures(run)
     degrees = [text.fixed(float(one), 3) for one in (known.min(), known.max())] if known.size else []
     rows = (
         ('Run', run.run_id or Path(run.source).name), ('Readings', text.run_size(run)),
-        ('Order', order_of(run, source)), ('Table axis', text.axis_words(run.rotation)),
+        ('Sequence', text.sequence_words(order_of(run, source))), ('Table axis', text.axis_words(run.rotation)),
         ('Recording', f'{source.begun} to {source.ended}, the whole log' if days else ''),
-        ('Duration', text.run_duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
-        ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not recorded'),
+        ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
+        ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not measured'),
         ('Table angles', text.angle_words(run)),
         ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
         ('Notes', '; '.join(run.notes)))

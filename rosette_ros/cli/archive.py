@@ -16,6 +16,7 @@ from rich.text import Text
 from rosette_ros import command
 from rosette_ros.archive import reanalysis
 from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for
+from rosette_ros.archive.cell_environment import environment_of_cell
 from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.archive.reanalysis import RunChange, TrendComparison
 from rosette_ros.archive.run_adding import Added, Engine, add_logs
@@ -29,7 +30,9 @@ from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES
+from rosette_ros.core.stated_environment import CLASSES
 from rosette_ros.core.trend import Event
+from rosette_ros.io.budget_file import environment_of, format_environment, read_stated
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.text_file import refuse_output, write_text
@@ -47,7 +50,7 @@ def add_logs_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('folders', metavar='FOLDER', nargs='+', help='folder with logs, at any depth, a log, or a URL '
                         'that fsspec knows (s3://... with its driver)')
-    add_shared(parser, '--into', '--model')
+    add_shared(parser, '--into', '--model', '--inputs', '--environment')
     add_shared(parser, '--identity', help='who, what and where (YAML, rosette-identity/1), for all logs that are new, '
                'in place of what they state')
     parser.add_argument('--force', action='store_true', help='evaluate all logs again, also those that are known')
@@ -76,10 +79,12 @@ def run_add(options: Namespace) -> int:
     local_folder(options.into)  # refused before hours of work
     model = read_model(options.model)
     identity = read_identity(options.identity) if options.identity else None
+    environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
     logs = find_logs(options.folders)
     with progress() as show, engine_of(options) as engine:
         archive = RunArchive(options.into, make=True)
-        added = add_logs(archive, logs, engine, model, identity, options.force, on_progress=show)
+        added = add_logs(archive, logs, engine, model, identity, options.force, on_progress=show,
+                         environment=environment)
     if options.json:
         print_json({'schema': 'rosette-archive-add/1', 'archive': options.into, **vars(added)})
         return int(added.problems > 0)
@@ -192,6 +197,31 @@ def _value(value: Any, as_text: bool = False) -> Any:
     elif not isinstance(value, (str, int, float, bool, type(None))):
         return str(value)  # a date, a decimal
     return json.dumps(plain(value), ensure_ascii=False) if as_text and isinstance(value, (dict, list)) else value
+
+
+def environment_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'archive')
+    parser.add_argument('--table', metavar='SERIAL', required=True, help='serial number of the table')
+    add_shared(parser, '--environment', default='laboratory',
+               help='of what none of its runs shows (default laboratory)')
+    parser.add_argument('-o', '--output', metavar='FILE', help='write it to a file for --inputs (YAML), in place of '
+                        'the screen')
+    add_shared(parser, '--force')
+
+
+def run_environment(options: Namespace) -> None:
+    """Print or write the section."""
+    if options.output:
+        refuse_output(options.output, options.force)
+    found = environment_of_cell(RunArchive(options.archive), options.table, CLASSES[options.environment])
+    text = format_environment(found)
+    if not options.output:
+        sys.stdout.write(text)
+        return
+    write_text(options.output, text, options.force)
+    use = command('evaluate', 'RUN', '--inputs', options.output)
+    console().print(f'Written to {options.output}. Use it with: {use}', markup=False, soft_wrap=True)
 
 
 def reanalyse_arguments(parser: ArgumentParser) -> None:
@@ -373,6 +403,8 @@ IMPLEMENTED = {
         'add': ('evaluate the logs in folders and keep a row of each run; what is known is not done again',
                 add_logs_arguments, run_add),
         'query': ('what an archive says, by SQL or by ready questions', query_arguments, run_query),
+        'environment': ('what may move in the cell of a table by its earlier runs, as a section of --inputs',
+                        environment_arguments, run_environment),
         'reanalyse': ('evaluate all runs under another model and compare: residuals, curves, which runs had the effect',
                       reanalyse_arguments, run_reanalyse)},
     'trend': (trend_arguments, run_trend)}

@@ -21,7 +21,7 @@ from rosette_ros.io.text_file import path_of, refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 
 PICTURES = ('.png', '.svg', '.pdf')
-WRITTEN = ('output', 'pdf', 'figure', 'noise_picture')
+WRITTEN = ('output', 'pdf', 'figure', 'noise_picture', 'save')
 """Options that name a file to write; a file that another one names is read."""
 IN_LOG = 'who, what and where (YAML, rosette-identity/1), kept in the log of each run'
 _ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
@@ -46,6 +46,11 @@ def whole(low: int | None, high: int) -> Callable[[str], int]:
 def positive(unit: str) -> Callable[[str], float]:
     """Return a reader of positive finite numbers in a unit."""
     return _reader(float, lambda value: 0 < value < math.inf, f'a positive number ({unit})')
+
+
+def until(text: str) -> float:
+    """Return the probability from which on a cause is settled."""
+    return _reader(float, lambda value: 0.5 < value < 1, 'a probability above 0.5 and below 1')(text)
 
 
 def picture_file(text: str) -> Path:
@@ -109,6 +114,8 @@ SHARED: dict[str, dict[str, Any]] = {
     'archive': {'metavar': 'ARCHIVE', 'help': 'folder of the archive'},
     '--into': {'metavar': 'ARCHIVE', 'required': True, 'help': 'folder of the archive; made where there is none'},
     '--run-id': {'metavar': 'ID', 'help': 'which run, where a log holds several (rosette info names them)'},
+    '--columns': {'metavar': 'MAP', 'help': 'what the columns of a table of another program are: a file of '
+                  '`rosette import --save`, or table=Table,ball=Ball,x=X,y=Y,z=Z,radius_mm=182.5 ...'},
     '--model': {'metavar': 'FILE', 'help': 'model file (YAML); without it the base model: table motions, '
                                            'plate deviations, CMM deviations'},
     '--identity': {'metavar': 'FILE', 'help': 'who, what, where and tolerances (YAML, rosette-identity/1), in place of '
@@ -117,7 +124,7 @@ SHARED: dict[str, dict[str, Any]] = {
                         'show these: radii, form of the balls, lobing of the probe'},
     '--plate': {'metavar': 'FILE', 'help': 'plate file (rosette-plate/1) of balls at other places than an equal pitch; '
                                            '--balls is then the number of table positions'},
-    '--inputs': {'metavar': 'FILE', 'help': 'of one run: what the readings do not tell its uncertainty budget, such as '
+    '--inputs': {'metavar': 'FILE', 'help': 'what the readings do not tell its uncertainty budget, such as '
                  'form of the balls, temperature, alignment (YAML, rosette-budget/1, see config/budget.yaml)'},
     '--environment': {'choices': tuple(CLASSES), 'help': 'how far machine, table and plate may move in a run, so that '
                       'U contains what the order cannot show; numbers of the cell: section environment of --inputs'},
@@ -176,6 +183,9 @@ def load(module: str, what: str) -> ModuleType:
     """Import what only some commands need; raise UsageError for `what`, naming the package, where one is missing."""
     os.environ['MATPLOTLIBRC'] = os.devnull  # matplotlib cannot be imported where it cannot read that of the user
     try:
+        if os.path.exists('matplotlibrc') and 'matplotlib' not in sys.modules:  # that of this folder comes before it
+            with contextlib.suppress(ModuleNotFoundError), contextlib.chdir('/'):
+                importlib.import_module('matplotlib')
         return importlib.import_module(module)
     except RosetteError:
         raise

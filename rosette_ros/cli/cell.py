@@ -32,6 +32,7 @@ from rosette_ros.cli.arguments import (
     add_table_offset,
     made_folder,
     positive,
+    until,
     whole,
 )
 from rosette_ros.cli.console import console, print_checks, print_json, print_parts, print_verdict
@@ -209,6 +210,12 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plan', metavar='FILE', help='measure a plan file (rosette plan --output FILE) instead of '
                         'an order')
     add_shared(parser, '--plate')
+    parser.add_argument('--until', metavar='P', type=until, help='after the plan, add readings that part the '
+                        'explanations until what the model lacks is settled with this probability, such as 0.95')
+    parser.add_argument('--until-uncertainty-um', metavar='U', type=positive('um'), help='likewise until the largest '
+                        'expanded uncertainty (k = 2) of the curves is no larger, µm, rotations at the balls')
+    parser.add_argument('--at-most', metavar='N', type=whole(1, 1_000_000), help='add no more than N readings so '
+                        '(default: as many as the plan has)')
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "limits.answer_timeout_s: 30"; '
                              f'known: {", ".join(one.name for one in OPTIONS)}')
@@ -233,6 +240,8 @@ def run_calibrate(options: argparse.Namespace) -> None:
             plate=format_plate(read_plate(options.plate)) if options.plate else '',
             radius=options.radius_mm and 1e-3 * options.radius_mm,
             table_offset=options.table_offset_deg and math.radians(options.table_offset_deg),
+            until_probability=options.until, most_readings=options.at_most,
+            until_uncertainty=options.until_uncertainty_um and 1e-6 * options.until_uncertainty_um,
             joint_with=options.joint_with and [Path(run).absolute().name for run in options.joint_with],
             **{field: getattr(options, field) for field in (*AS_CONFIGURED, 'cmm_positions', 'balls_in_use')})
     out = console()

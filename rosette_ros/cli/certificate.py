@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette certificate: a digital calibration certificate of a run, two pages for people, and the check of one."""
+"""rosette certificate: a digital calibration certificate of a run, pages for people, and the check of one."""
 
 import importlib
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import bare_name, read_limited, refuse_output, write_bytes
 from rosette_ros.presentation.budget_results import contributions
-from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.error_results import TITLE, errors
 from rosette_ros.presentation.identity_words import SIMULATED
 
 
@@ -31,7 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_joint(parser)
     parser.add_argument('-o', '--output', metavar='FILE', help='the certificate to write, XML (default: named as the '
                         'run, in this folder)')
-    parser.add_argument('--pdf', metavar='FILE', help='write it for people, too: two pages, the XML attached')
+    parser.add_argument('--pdf', metavar='FILE', help='write it for people, too, the XML attached')
     add_shared(parser, '--inputs', help=f'{SHARED["--inputs"]["help"]}; U is that of the budget then')
     add_shared(parser, '--environment')
     parser.add_argument('--verify', metavar='CERT', help='compare a certificate with its run instead: curves, hash, '
@@ -69,13 +70,18 @@ def make(options: Namespace) -> None:
         read_sharing(options.share, len(options.run_path)) if several else {},
         read_stated(options.inputs, options.environment))
     with doing('evaluating'):
-        certificate = state(options.run_path, inputs)
+        certificate = state(options.run_path, inputs, ask)
     data = to_xml(certificate)
     made = pages(certificate, data, path.name) if options.pdf else b''
     write_bytes(path, data, options.force)
     if options.pdf:
         write_bytes(options.pdf, made, options.force)
     show(certificate, path, options.pdf)
+
+
+def ask(missing: Sequence[str]) -> None:
+    """Print the mandatory data that are not stated, in words."""
+    console().print(f'[yellow]Missing mandatory data (ISO/IEC 17025, 7.8.2): {escape(", ".join(missing))}[/]')
 
 
 def pages(certificate: Certificate, data: bytes, name: str) -> bytes:
@@ -89,7 +95,7 @@ def pages(certificate: Certificate, data: bytes, name: str) -> bytes:
 
 
 def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
-    """Print what the certificate says, what it lacks, and what to do, which does not stand in it."""
+    """Print what the certificate says, and what to do, which does not stand in it."""
     out = console()
     if certificate.is_simulated:
         out.print(f'[red]{SIMULATED}[/]')
@@ -97,14 +103,12 @@ def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
         print_verdict(out, certificate.verdict)
     else:
         out.print(escape(certificate.judgement))
-    print_parts(out, [errors(one.lines, f'The six errors of the {one.words} (ISO 230-7)') for one in certificate.sets])
+    print_parts(out, [errors(one.lines, TITLE.format(one.words)) for one in certificate.sets])
     if certificate.budget and certificate.inputs.budget:
         print_parts(out, [contributions(certificate.budget)])
     out.print()
     for words in certificate.contradictions:
         out.print(f'[yellow]Contradiction: {escape(words)}[/]')
-    if certificate.missing:
-        out.print(f'[yellow]Not stated (an auditor asks for it): {escape(", ".join(certificate.missing))}[/]')
     out.print(f'[bold]Certificate[/]  {escape(str(path))}', soft_wrap=True)
     if pdf:
         out.print(f'[bold]Pages[/]        {escape(pdf)}', soft_wrap=True)

@@ -11,21 +11,33 @@ from typing import Any
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros.cli.arguments import add_shared
+from rosette_ros import command
+from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, warn
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.records import Run
-from rosette_ros.io.ball_centre_table import format_csv, read_csv, write_csv
+from rosette_ros.io.ball_centre_table import MAX_BYTES, format_csv, read_csv, write_csv
+from rosette_ros.io.column_map import ColumnMap, format_columns
+from rosette_ros.io.csv_parser import proposal_for, read_columns
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.io.run_to_log import NOTES_KEY, write_log
+from rosette_ros.io.text_file import read_limited, write_text
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
+
+ASKED = {'x': 'x of the ball centre', 'y': 'y', 'z': 'z', 'ball': 'number of the ball', 'table': 'table position',
+         'angle': 'table angle in degrees, counter-clockwise (-NAME: clockwise)', 'name': 'name of the feature',
+         'pattern': 'pattern of the names: {ball}, {table}, {angle}, {axis} and * for any text',
+         'axis': 'axis, where each coordinate has a row', 'value': 'its value', 'time': 'time, s or date with time',
+         'temperature': 'temperature, °C', 'radius_mm': 'radius of the circle of ball centres, mm',
+         'frame': 'frame of the coordinates, table or machine'}
+"""What is asked about a table, by entry of a map."""
 
 
 def info_arguments(parser: ArgumentParser) -> None:
@@ -117,7 +129,7 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
     known = found.temperature[np.isfinite(found.temperature)] if found else np.array([])
     return {'run_id': run_id, 'n': n, 'balls': np.unique(found.ball).size if found else n, 'radius_m': radius,
             'phases': phases, 'order': None, 'completeness': found.completeness if found else 0.0,
-            'duration_s': float(np.ptp(found.time)) if found else None, 'pauses': text.pauses(found) if found else '',
+            'duration_s': text.seconds_of(found) if found else None, 'pauses': text.pauses(found) if found else '',
             'temperature_range_C': [float(known.min()), float(known.max())] if known.size else None,
             'repeatability_m': found.repeatability if found else None,
             'repeatability_dof': found.repeatability_dof if found else None,
@@ -136,7 +148,9 @@ def show_info(facts: dict[str, Any]) -> None:
     if facts['messages'] is not None:
         rows.append(('Files', escape(', '.join(Path(file).name for file in facts['files']))))
         start, end = facts['start_ns'], facts['end_ns']
-        long = f', {text.duration(1e-9 * (end - start))}, no date' if facts['messages'] else ''
+        is_counted = facts['runs'] and not any(one['duration_s'] for one in facts['runs'])
+        long = (', no times' if is_counted else f', {text.duration(1e-9 * (end - start))}, no date'
+                if facts['messages'] else '')
         times = f', {text.instant(start)} to {text.instant(end)}' if text.instant(start) else long
         rows.append(('Messages', f'{facts["messages"]} in {len(topics)} topics{times}'))
     if facts['resumes']:
@@ -182,19 +196,54 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 def import_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('table', metavar='CSV', help='ball-centre table, rosette-ball-centres/1')
-    parser.add_argument('-o', '--output', metavar='RUN', required=True,
-                        help='log directory to make; an existing log is never changed')
+    parser.add_argument('table', metavar='FILE', help='ball-centre table, rosette-ball-centres/1, or a table, K-fields '
+                        '(AQDEF, DFQ) or QIF results of another program')
+    parser.add_argument('-o', '--output', metavar='RUN', help='log directory to make; an existing log is never changed')
+    add_shared(parser, '--columns', help=f'{SHARED["--columns"]["help"]}; without it they are proposed on a terminal')
+    parser.add_argument('--save', metavar='MAP', help='file to write with what the columns are, for --columns')
+    add_shared(parser, '--force', help='overwrite the file of --save')
 
 
 def run_import(options: Namespace) -> None:
-    """Write the log."""
-    measured = read_csv(options.table)
-    log = write_log(measured, Path(options.output), TypeLibrary.from_environment(os.environ))
+    """Write the log, the map of the columns, or both."""
+    if not (options.output or options.save):
+        raise UsageError('import: wanted -o RUN, --save MAP or both, got none')
+    columns = read_columns(options.columns)
+    if columns is None and sys.stdin.isatty() and sys.stdout.isatty():
+        columns = asked_columns(options.table)
+    measured = read_csv(options.table, columns)
+    if options.save and columns is None:
+        raise UsageError(f'{options.table}: is a ball-centre table, whose columns are known; leave out --save')
     out = console()
     out.print(head(measured))
     warn(measured)
-    out.print(f'Log: {escape(str(log))}', soft_wrap=True)
+    if options.output:
+        log = write_log(measured, Path(options.output), TypeLibrary.from_environment(os.environ))
+        out.print(f'Log: {escape(str(log))}', soft_wrap=True)
+    if options.save and columns:
+        write_text(options.save, format_columns(columns), options.force)
+        out.print(f'Columns: {escape(options.save)}; the next time:\n  '
+                  + escape(command('evaluate', options.table, '--columns', options.save)), soft_wrap=True)
+
+
+def asked_columns(path: str) -> ColumnMap | None:
+    """Return what the user says about the columns of a table, None where it is a ball-centre table."""
+    found = proposal_for(read_limited(path, 'a table', MAX_BYTES), path)
+    if found is None:
+        return None
+    out = console()
+    out.print('What are the columns? Enter takes what stands in [brackets], - leaves it out.')
+    given = found.entries
+    for key, question in ASKED.items():
+        try:
+            answer = input(f'{question} [{given.get(key, "-")}]: ').strip()
+        except EOFError:
+            raise UsageError('import: the answers ended; say the columns by --columns') from None
+        if answer == '-':
+            given.pop(key, None)
+        elif answer:
+            given[key] = answer
+    return read_columns(given)
 
 
 def export_arguments(parser: ArgumentParser) -> None:

@@ -19,7 +19,7 @@ from rich.markup import escape
 from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.cli import hidden_demo
-from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, whole
+from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, until, whole
 from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
 from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown, write_machine
@@ -72,10 +72,12 @@ def demo_arguments(parser: ArgumentParser) -> None:
                         'the sealed envelope says which')
     parser.add_argument('--open', action='store_true', help='with --hidden: open the envelope '
                         'at the end (otherwise on a key press, or by rosette envelope RUN)')
+    parser.add_argument('--until', metavar='P', type=until, help='with --hidden: measure on until what is hidden '
+                        'is settled with this probability, such as 0.95, and state what that has saved')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')
     parser.add_argument('--circle', action='store_true', help='calibrate, find what is missing, add it, correct the '
-                        'table, calibrate again: the error falls to the noise')
+                        'table, calibrate again: the residual falls to the noise')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
                         help='draws machine and noise, and the order random (default 1)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, default=(0.0, 0.0, 1.0),
@@ -92,6 +94,8 @@ def run_demo(options: Namespace) -> None:
     """Run the demo."""
     if options.open and options.hidden is None:
         raise InvalidConfig('demo: --open goes with --hidden only; leave it out')
+    if options.until and options.hidden is None:
+        raise InvalidConfig('demo: --until goes with --hidden only; leave it out')
     if options.verification:
         for name, given in (('--hidden', options.hidden is not None), ('--dme', options.dme),
                             ('--circle', options.circle), ('--keep', options.keep)):
@@ -120,9 +124,12 @@ def run_demo(options: Namespace) -> None:
     with demo_cell(out, what, config, options.domain, options.output, options.identity, options.dme) as running:
         if hidden:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
-        log_path = running.calibrate(order, options.seed, 'turning: forward')
+        log_path = running.calibrate(order, options.seed, 'turning: forward', until_probability=options.until)
+        if options.until:
+            hidden_demo.show_saving(out, config, log_path, order, options.seed, options.until)
         if hidden:
-            hidden_demo.show_hidden(out, config, options.hidden, order, log_path, running.seconds, options.open)
+            hidden_demo.show_hidden(out, config, options.hidden, order, log_path, running.seconds, options.open,
+                                    options.until)
         else:
             server = running.server
             show_demo(out, config, log_path, running.seconds,
@@ -182,7 +189,7 @@ def go_round(options: Namespace) -> None:
         run, identity, _ = open_identified(before_path)
         before = summarise(run)
         print_verdict(out, verdict_text(before.verdict))
-        section(out, '2', 'add what is missing: the error falls')
+        section(out, '2', 'add what is missing: the residual falls')
         final = before.final
         print_table(out, nested_models(before.ladder))
         section(out, '3', 'correct, and calibrate again')
@@ -221,7 +228,7 @@ def stages(fits: tuple[Fit, Fit, Fit]) -> Table:
         micrometre_column('residual_um', 'residual', [fit.rms for fit in fits]),
         *(column(of_all[0].curve, of_all[0].curve, [1e6 * one.range for one in of_all], partial(fixed, places=2), unit)
           for of_all, unit in zip(zip(*(error_lines(fit.error_motions) for fit in fits)), CURVE_UNITS))),
-        note='Residual: standard deviation of a coordinate; errors: peak to valley.')
+        note='Residual: standard deviation of a coordinate; errors: range.')
 
 
 def conditions(balls: int) -> tuple[dict[str, Any], ...]:

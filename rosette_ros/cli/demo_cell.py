@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -91,9 +91,11 @@ class DemoCell:
         """Wall time since the beginning, s."""
         return time.monotonic() - self.began
 
-    def calibrate(self, order: str, seed: int, options: str = '') -> Path:
-        """Run a calibration with progress on stderr; return the folder of its log, with the files of the machine."""
-        outcome = calibrate(self.client, order=order, seed=seed, options=options, check=self.cell.check)
+    def calibrate(self, order: str, seed: int, options: str = '', **fields: Any) -> Path:
+        """Run a calibration with progress on stderr; return the folder of its log, with the files of the machine.
+
+        fields: others of the goal, as of CellClient.calibrate."""
+        outcome = calibrate(self.client, order=order, seed=seed, options=options, check=self.cell.check, **fields)
         if outcome.log is None:
             raise CellError('demo: wanted the log of the run, got none; see the output of the recorder')
         for path in self.machine.parent.iterdir():

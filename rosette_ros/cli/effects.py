@@ -73,7 +73,7 @@ def amplitudes(one: Effect) -> tuple[Quantity, ...]:
 
 def facts(one: Effect) -> list[tuple[str, str]]:
     """Return what is known of an effect, as (name, text)."""
-    return [('Where to look', one.look), ('Added to p', one.formula),
+    return [('Possible origin', one.look), ('Added to p', one.formula),
             ('Needs', ', '.join((*one.depends_on, *['a table axis that is not vertical'] * one.needs_tilt))
              or 'nothing but the indices'),
             ('In the next run', CARRIES[one.carries]), ('Source', one.source)]
@@ -166,7 +166,7 @@ def add_file(parser: ArgumentParser) -> None:
                         help='model file (YAML) to change, made from the base model where there is none. It is '
                         'rewritten at once, without the comments in it; --force is not needed')
     parser.add_argument('--run', metavar='RUN', dest='run_path',
-                        help='log directory, .mcap file or CSV: show the error before and after')
+                        help='log directory, .mcap file or CSV: show the residual before and after')
 
 
 def model_before(path: str) -> Model:
@@ -188,9 +188,9 @@ def change_file(options: Namespace, action: str, effects: Sequence[str], before:
         out.print(f'\n{head(measured)}')
         out.print(f'[bold]{escape(words)}[/]')
         print_parts(out, () if done is None else (change_errors(done), curve_changes(done),
-                                                  fitted_effects(done.after.effects, 'Effects in the model now')))
+                                                  fitted_effects(done.after, 'Effects in the model now')))
     elif action == ADD:
-        out.print('With --run RUN the error before and after is shown.')
+        out.print('With --run RUN the residual before and after is shown.')
 
 
 def compared(measured: Run, action: str, effects: Sequence[str], before: Model,
@@ -221,7 +221,7 @@ def judgement(action: str, effects: Sequence[str], done: Change, missing: Sequen
         first = max(missing, key=lambda one: one.before**2 - one.after**2, default=None)
         other = f'{titles([first.name])} ({first.name})' if first else ''
         if done.helps:
-            text = f'{capital(name)} help{verb}: the cross-validation error falls from {errors}.'
+            text = f'{capital(name)} help{verb}: the cross-validation residual falls from {errors}.'
             if first is None:
                 return text
             left, gained = first.before**2 - first.after**2, done.before.rms**2 - done.after.rms**2
@@ -229,13 +229,14 @@ def judgement(action: str, effects: Sequence[str], done: Change, missing: Sequen
                 f'{capital(other)} is still missing.')
             return f'{text} {more}'
         does = 'does' if is_one else 'do'
-        chance = f'{capital(name)} {does} not lower the cross-validation error by more than chance'
+        chance = f'{capital(name)} {does} not lower the cross-validation residual by more than chance'
         return f'{chance} ({errors}) while {other} is missing: add that first.' if first else (
             f'{chance} ({errors}): noise is all that is described. Take {it} out of the model again.')
     if done.hurts:
-        return f'{capital(name)} is needed: without it the cross-validation error rises from {errors}. Add it again.'
-    return (f'{capital(name)} is not needed: without it the cross-validation error changes from {errors}, no more than '
-            'by chance.')
+        return (f'{capital(name)} is needed: without it the cross-validation residual rises from {errors}. '
+                'Add it again.')
+    return (f'{capital(name)} is not needed: without it the cross-validation residual changes from {errors}, no more '
+            'than by chance.')
 
 
 def no_longer_needed(done: Change, verdict: Verdict) -> list[str]:

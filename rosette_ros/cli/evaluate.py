@@ -20,11 +20,10 @@ from rosette_ros.analysis import (
     compare,
     cross_check,
     diagnose,
-    evaluate_jointly,
     judge,
     ladder,
 )
-from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, picture_file, plots
+from rosette_ros.cli.arguments import add_formats, add_shared, picture_file, plots
 from rosette_ros.cli.console import (
     COLOURS,
     console,
@@ -39,7 +38,7 @@ from rosette_ros.cli.console import (
     warn,
 )
 from rosette_ros.cli.data import broken_off, counts_of
-from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
@@ -52,8 +51,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.bag_metadata import runs_in
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.open_run import is_log, joint_identity, open_readings, open_run
-from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.io.open_run import is_log, joint_identity, open_run
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation import joint_results as results
@@ -87,7 +85,7 @@ NEW_MODEL = 'model.yaml'
 def evaluate_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='+')
-    add_shared(parser, '--run-id', '--model')
+    add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
     add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
@@ -96,9 +94,6 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
 def run_evaluate(options: Namespace) -> None:
     """Print the evaluation."""
     if is_joint(options):
-        for name in ('inputs', 'environment'):
-            if getattr(options, name):
-                raise UsageError(f'evaluate: --{name} goes with one RUN only; leave it out')
         evaluate_runs_jointly(options)
         return
     opened, refit = Opened(options, options.run_path[0]), None
@@ -130,7 +125,7 @@ def run_evaluate(options: Namespace) -> None:
     print_parts(out, [
         errors(lines, found=found_lines), curves(motions, NOW if found else ''),
         *([curves(found, FOUND)] if found else []), hidden_table(told) if told else None, deviations(fit),
-        fitted_effects(fit.effects, 'Effects in the model'),
+        fitted_effects(fit, 'Effects in the model'),
         pairs([*fit_rows(fit), *([('Environment', environment_words(told.inputs.environment))] if told else [])])])
     if refit:
         print_parts(out, [sphere_table(refit), pairs(sphere_rows(refit))])
@@ -138,8 +133,7 @@ def run_evaluate(options: Namespace) -> None:
 
 def evaluate_runs_jointly(options: Namespace) -> None:
     """Print the joint evaluation of all runs."""
-    declared = read_sharing(options.share, len(options.run_path))
-    result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path], declared)
+    result = joint_result(options)
     identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
     tolerances = identity.limits(result.solution.model.runs[0].rotation)
     if options.json:
@@ -160,7 +154,7 @@ def evaluate_runs_jointly(options: Namespace) -> None:
 
 def diagnose_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--model')
+    add_shared(parser, 'run_path', '--columns', '--model')
     parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
                         'identified in RUN confirmed there?')
     add_shared(parser, '--json')
@@ -203,7 +197,7 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
     print_parts(out, [
         errors(fit_lines(diagnosis.fit, doubt=doubt_of(diagnosis.verdict)), found=fit_lines(found) if found else ()),
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
-                       'Parameters of the missing effects, all fitted together'),
+                       'Parameters of the missing effects, all fitted together', measured.time_unit),
         explanations(diagnosis).first(NEXT_BEST),
         tables.candidates(others, measured, 'The next best').select(*CANDIDATE_COLUMNS),
         tables.bias(invisible, measured.rotation), pairs(notes) if notes else None])
@@ -211,9 +205,9 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
 
 def compare_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--model')
+    add_shared(parser, 'run_path', '--columns', '--model')
     parser.add_argument('--ladder', action='store_true',
-                        help='the error of nested models: from the base model on, effect by effect')
+                        help='the residual of nested models: from the base model on, effect by effect')
     parser.add_argument('--noise-picture', metavar='FILE', type=picture_file,
                         help='write the picture of the noise that the report has: quantiles, scatter by axis, ball, '
                         'CMM position and time, correlation of neighbours (.png, .svg or .pdf)')

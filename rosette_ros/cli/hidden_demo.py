@@ -9,6 +9,7 @@ import math
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
+from rosette_ros.calibration.goal import EXTENDED
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import COLOURS, console, head, pairs, print_table, say
 from rosette_ros.cli.demo_cell import MACHINE, shown
@@ -29,11 +31,12 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.planning.next_readings import BLOCK, standing
 from rosette_ros.core.records import Floats, Run
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.scheme import Scheme, plan
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import read_model, write_model
-from rosette_ros.presentation.formatting import exact, fixed, residual_words, sigmas
+from rosette_ros.presentation.formatting import duration, exact, fixed, residual_words, sigmas
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import nested_models
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
@@ -47,7 +50,7 @@ INSTANTS = ('at_h', 'from_h')
 SIZES = {'most': 3, 'smallest_sigma': 2.0}
 """One to three effects of 2 to 30 times the noise: some may still be too small to be named."""
 SURE_SIGMA = 12.0
-"""Norm of the visible part, in sigma, from which an effect should be named."""
+"""Norm of what is not absorbed, in sigma, from which an effect should be named."""
 
 
 def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
@@ -58,19 +61,20 @@ def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
 
 
 def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_path: Path, seconds: float,
-         is_open: bool = False) -> None:
+                is_open: bool = False, until: float | None = None) -> None:
     """Print how badly the base model fits and how to go on; the envelope stays shut until it is asked for.
 
-    is_open: whether it is asked for already.
+    is_open: whether it is asked for already; until: as of show_saving, None where it was not wanted.
     """
     run = read_log(log_path).to_run()
     out.print(f'\n{head(run)}\nThe residual of the base model is {residual_words(analyse(run))}\n')
     out.print(pairs([
         ('Log', escape(shown(log_path))), ('Took', f'{seconds:.1f} s'),
         ('Repeat', escape(command('demo', '--hidden', seed, '--seed', config.seed, '--balls', config.plate.balls,
-                                  '--order', order, '--axis', *(f'{one:g}' for one in config.placement.axis))))]))
+                                  '--order', order, '--axis', *(f'{one:g}' for one in config.placement.axis),
+                                  *(('--until', until) if until else ()))))]))
     if not is_open:
-        out.print('\nThe envelope is shut. To find out what is hidden:')
+        out.print('\nBlind test sealed. To find out what is hidden:')
         for verb in ('compare', 'diagnose', 'envelope'):
             out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
         is_open = sys.stdin.isatty() and out.is_terminal
@@ -78,6 +82,29 @@ def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_
             out.input('Press Enter to open it now, or Ctrl-C to leave it shut. ')
     if is_open:
         tell(out, log_path)
+
+
+def show_saving(out: Console, config: MachineConfig, log_path: Path, order: str, seed: int, until: float) -> None:
+    """Print what was added to the plan, and how far the same order, once more, would have come.
+
+    The machine is simulated once more: it measures its plan twice, and is judged after as many readings as a block."""
+    log = read_log(log_path)
+    run, scheme = log.to_run(), plan(config.plate.balls, order, seed)
+    size = scheme.ball.size
+    said = next(one.text for one in reversed(log.events) if one.kind == EXTENDED)
+    if run.size == size:
+        out.print(f'\nAfter the {size} readings of the plan, none was added: {escape(said)}', soft_wrap=True)
+        return
+    out.print(f'\nAfter the {size} readings of the plan, {run.size - size} were added '
+              f'({duration(run.time[-1] - run.time[size - 1])}): {escape(said)}', soft_wrap=True)
+    twice: dict[str, Any] = {name: np.tile(getattr(scheme, name), 2) for name in (
+        'table_position', 'ball', 'approach', 'touches', 'session', 'wait')}
+    again = Machine(config).run(replace(scheme, **twice))
+    with out.status('the same order, once more'):
+        last = next((count for count in range(size, 2 * size + 1, BLOCK)
+                     if standing(again.take(np.arange(count)), until=until).is_settled), None)
+    how = f'does not settle it in {size} more' if last is None else f'settles it after {last - size} more'
+    out.print(f'The same order repeated {how} ({duration(again.time[(last or 2 * size) - 1] - again.time[size - 1])}).')
 
 
 def tell(out: Console, log_path: Path, model_path: str | None = None, whole: bool = False) -> None:
@@ -100,7 +127,7 @@ def tell(out: Console, log_path: Path, model_path: str | None = None, whole: boo
         show_comparison(out, summary.comparison, summary.verdict)
         section(out, '3', 'diagnose: what is missing?')
         show_diagnosis(out, summary.diagnosis, invisible_effects(summary.diagnosis))
-        section(out, '4', 'add: does the error fall?')
+        section(out, '4', 'add: does the residual fall?')
         print_table(out, nested_models(summary.ladder))
         section(out, '5', 'advise: what to measure next?')
         out.print(advice_words(summary.advice or advise_run(run)))
@@ -146,13 +173,13 @@ def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run,
         ('superfluous', wrong)) if names]
     say(out, f'{who}: {"; ".join(parts)}.', COLOURS['bad' if Level.BAD in levels or wrong else 'good'])
     out.print()
-    print_table(out, Table('hidden', 'What was hidden, and what was found', (
+    print_table(out, Table('hidden', 'Blind test: hidden and found effects', (
         words('kind', 'hidden', kinds),
         words('parameters', 'with', [content(hidden, begin) for hidden in envelope.hidden]),
-        column('strength', 'visible', strengths, sigmas),
+        column('strength', 'not absorbed', strengths, sigmas),
         words('answer', 'answer', [text for text, _ in answers])), levels=tuple(levels)))
-    out.print('visible: size in the readings of what table, plate and CMM cannot cause, in σ of '
-              f'a coordinate; from {SURE_SIGMA:g} σ it should be named\n'
+    out.print('not absorbed: size in the readings of what table, plate and CMM cannot cause, in σ '
+              f'of a coordinate; from {SURE_SIGMA:g} σ it should be named\n'
               'times count from the first reading of the run\n'
               f'sha256 {envelope.digest}, as it was sealed')
 

@@ -2,9 +2,15 @@
 """Arguments of the verbs that take several runs as one."""
 
 import argparse
+from collections.abc import Sequence
 
 from rosette_ros.cli.arguments import UsageError
-from rosette_ros.io.open_run import has_plate
+from rosette_ros.core.joint.joint_evaluation import JointResult, evaluate_jointly
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.io.budget_file import environment_of, read_stated
+from rosette_ros.io.csv_parser import read_columns
+from rosette_ros.io.open_run import has_plate, open_readings
+from rosette_ros.io.sharing_file import read_sharing
 
 
 def add_joint(parser: argparse.ArgumentParser) -> None:
@@ -29,3 +35,12 @@ def is_joint(options: argparse.Namespace) -> bool:
                          'with ball centres only; leave the option out' if plates and len(options.run_path) == 1 else
                          '--refit-spheres: wanted one run, got several as one; leave --joint out')
     return bool(is_wanted)
+
+
+def joint_result(options: argparse.Namespace, runs: Sequence[Readings] = ()) -> JointResult:
+    """Return the runs of the options evaluated as one, in the environment that is stated; runs: where they are read."""
+    stated = read_stated(options.inputs, options.environment)
+    columns = read_columns(vars(options).get('columns'))
+    return evaluate_jointly(runs or [open_readings(path, options.run_id, columns) for path in options.run_path],
+                            read_sharing(options.share, len(options.run_path)),
+                            environment_of(stated, options.inputs or 'budget inputs'))

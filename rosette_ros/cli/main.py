@@ -34,7 +34,7 @@ SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u',
 GROUPS = {
     'try': {
         'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
-        'envelope': ('hidden_demo', 'open the envelope of demo --hidden: what was hidden, what was found'),
+        'envelope': ('hidden_demo', 'open the envelope of demo --hidden: hidden and found effects'),
         'shell': ('main', 'a shell that finds rosette and the Python with ROS')},
     'measure': {
         'plan': ('plan', 'what a plan measures and determines; plans side by side'),
@@ -50,8 +50,8 @@ GROUPS = {
         'budget': ('products', 'the uncertainty budget of a run (GUM), confirmed by Monte Carlo')},
     'improve': {
         'effects': ('effects', 'the library of physical effects, or one of them explained'),
-        'add': ('effects', 'add effects to a model file; with --run, the error before and after'),
-        'remove': ('effects', 'remove an effect from a model file; with --run, the error before and after'),
+        'add': ('effects', 'add effects to a model file; with --run, the residual before and after'),
+        'remove': ('effects', 'remove an effect from a model file; with --run, the residual before and after'),
         'correct': ('products', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
         'verify': ('products', 'whether a correction did what it promised, by a run before and one after')},
     'document': {
@@ -63,7 +63,7 @@ GROUPS = {
         'runs': ('evaluate', 'the runs in a folder, with their verdicts'),
         'archive': ('archive', 'many runs of many cells: add, ask, evaluate under another model'),
         'trend': ('archive', 'how a table changes over the runs of an archive; when to calibrate again'),
-        'import': ('data', 'convert a ball-centre table (CSV) to a log'),
+        'import': ('data', 'convert a table of ball centres, ours or another program\'s, to a log'),
         'export': ('data', 'convert a run to a ball-centre table (CSV)'),
         'replay': ('replay', 'publish the messages of a log again, for an evaluator')}}
 """By what one wants to do: verb: (module in rosette_ros.cli, what it does). A new verb is two functions and a line."""

@@ -14,23 +14,26 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import ErrorMotions
 from rosette_ros.core.uncertainty_budget import Budget, budget
 from rosette_ros.io.budget_file import budget_inputs, read_stated
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_identified
 from rosette_ros.words.verdict_words import verdict_text
 
 
 class Opened:
-    """RUN with --run-id and --identity, --model, --inputs and --environment, and what follows from them; a verb without
-    such an option gives none.
+    """RUN with --run-id, --columns and --identity, --model, --inputs and --environment, and what follows from them; a
+    verb without such an option gives none.
 
     path: of another run than RUN, or of the first where there are several."""
 
     def __init__(self, options: Namespace, path: str | None = None) -> None:
         given = vars(options)
         self.path: str = given['run_path'] if path is None else path
-        self.run, self.identity, _ = open_identified(self.path, given.get('run_id'), given.get('identity'))
+        self.run, self.identity, _ = open_identified(self.path, given.get('run_id'), given.get('identity'),
+                                                         read_columns(given.get('columns')))
         self._model_file: str | None = given.get('model')
         self._stated: tuple[str | None, str | None] = given.get('inputs'), given.get('environment')
 
@@ -73,6 +76,12 @@ class Opened:
             return None
         explanations = explanations_of(self.finding, fit) if self.finding and self.inputs.environment else ()
         return budget(fit, self.inputs, doubt=refuted(self.verdict), explanations=explanations)
+
+    @cached_property
+    def motions(self) -> ErrorMotions:
+        """The six curves, with U and, in an environment, the mean over explanations that are stated."""
+        made = self.budget_of(self.fit)
+        return made.error_motions if made else self.fit.error_motions
 
     def begin(self, out: Console) -> None:
         """Print what was measured, and the verdict or, where there is none, what is wrong with the readings."""

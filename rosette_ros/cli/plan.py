@@ -15,7 +15,7 @@ import numpy as np
 from rich.markup import escape
 
 from rosette_ros import command, program
-from rosette_ros.analysis import advise, advise_run
+from rosette_ros.analysis import advise, advise_run, next_readings
 from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
 from rosette_ros.cli.console import console, doing, pairs, print_json, print_parts, warn
@@ -24,10 +24,14 @@ from rosette_ros.core import axes
 from rosette_ros.core.effects.library import effect
 from rosette_ros.core.errors import InvalidData, InvalidPlan
 from rosette_ros.core.planning.advice import Advice
+from rosette_ros.core.planning.block_ways import with_block
+from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
+from rosette_ros.core.reduced_sets import fewest_members
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
+from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
@@ -36,11 +40,14 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import exact, millimetres
 from rosette_ros.presentation.json_output import advice_json
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.settling_words import next_words
 
 MOST_BALLS = 1000
 WIDEST_MAP = 20
 """Most balls for which the map of the scheme fits on a screen."""
 MOST_PLANS = 12
+MOST_NEXT = 1000
+"""Next readings that may be asked for at once."""
 USUAL_RADIUS_MM = 182.5
 """Radius of the plate of the paper, where a question is answered without a plate."""
 
@@ -63,9 +70,10 @@ def plan_arguments(parser: ArgumentParser) -> None:
                         'at usual speeds)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, help='direction of the table axis in '
                         'the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
+    parser.add_argument('--shortest', action='store_true', help='the fewest CMM positions that determine the curves')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
-    arguments.add_shared(parser, '--format', '--force')
+    arguments.add_shared(parser, '--inputs', '--environment', '--format', '--force')
     group = arguments.add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several '
                                   'plans what they determine')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
@@ -87,12 +95,17 @@ def add_plan(parser: ArgumentParser, most_balls: int, radius_mm: float | None = 
 
 def run_plan(options: Namespace) -> None:
     """Print the plan, or several plans."""
+    if options.environment and options.order is None and not options.plans:
+        options.plans = [*ORDERS]
     if (options.order is not None) == bool(options.plans):
         raise UsageError('plan: wanted either --order, or plan files and orders to compare')
     if options.format and not options.figures:
         raise UsageError('plan: --format goes with --figures only; leave it out')
     if options.plate:
         put_on_plate(options)
+    if options.shortest and (options.cmm_positions or options.balls_in_use):
+        raise UsageError('plan: --shortest chooses the CMM positions: leave out --cmm-positions, --balls-of, --share '
+                         'and --plate')
     words = options.plans or [options.order]
     if len(words) > MOST_PLANS:
         raise UsageError(f'plan: wanted at most {MOST_PLANS} plans, got {len(words)}')
@@ -115,9 +128,10 @@ def run_plan(options: Namespace) -> None:
         rotation = axes.axis_rotation(options.axis) if options.axis else None
     except InvalidData as error:
         raise UsageError(f'--axis: {error}') from None
+    environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
     names = [Path(word).name if Path(word).is_file() else word for word in words]
-    plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace, rotation=rotation)
-             for name, one in zip(names, made)]
+    plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace, rotation=rotation,
+                     environment=environment) for name, one in zip(names, made)]
     if options.figures:
         draw(plans, options)
     if options.json:
@@ -157,8 +171,9 @@ def chosen(words: Sequence[str], options: Namespace) -> list[MeasuringPlan]:
         elif n is None or radius is None:
             raise UsageError('plan: wanted --balls and --radius-mm with an order, or a plan file')
         else:
+            fewest = str(fewest_members(n)) if options.shortest else ''
             in_use = (places_in_use(text, n, what) for text, what in (
-                (places or options.cmm_positions, 'CMM positions'), (options.balls_in_use, 'balls')))
+                (places or options.cmm_positions or fewest, 'CMM positions'), (options.balls_in_use, 'balls')))
             scheme = plan(n, order, options.seed, options.turning, *in_use).shifted(options.table_offset_deg or 0.0)
             touches = np.full(scheme.ball.size, options.touches or 0)
             every.append(MeasuringPlan(replace(scheme, touches=touches), radius))
@@ -212,6 +227,9 @@ def show_comparison(plans: Sequence[Outlook]) -> None:
     out.print()
     for sentence in better(plans):
         out.print(escape(sentence))
+    if plans[0].environment:
+        out.print(escape(f'Least U in the environment {plans[0].environment.name}: '
+                         f'{min(plans, key=lambda one: one.penalty).name}.'))
     if not all(one.effects for one in plans):
         out.print(f'Effects are judged up to {MOST_JUDGED} balls.')
 
@@ -237,29 +255,69 @@ def advise_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--show', metavar='EFFECT', action='append', default=[],
                         help='an effect that the next run must show; may be given several times '
                         '(default: all that the present order shows weakly)')
-    add_shared(parser, '--json')
+    parser.add_argument('--readings', metavar='N', type=whole(1, MOST_NEXT), help='the next N readings of RUN, by '
+                        'which the explanations that are in doubt part most')
+    parser.add_argument('--until', metavar='P', type=arguments.until, help='with --readings: probability from which on '
+                        f'a cause is settled (default {UNTIL:g})')
+    parser.add_argument('--plan', metavar='FILE', help='with --readings: write what was measured, and they, as a plan '
+                        'for calibrate --plan, CSV')
+    add_shared(parser, '--model', '--inputs', '--environment', '--json', '--force')
 
 
 def run_advise(options: Namespace) -> None:
     """Print the advice."""
     wanted = tuple(effect(name).name for name in options.show)
     planned = (options.balls, options.order)
+    if options.readings is not None:
+        advise_readings(options)
+        return
+    for name in ('until', 'plan', 'model'):
+        if getattr(options, name) is not None:
+            raise UsageError(f'advise: --{name} goes with --readings only; leave it out')
+    environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
     if options.run_path is not None and planned == (None, None):
         measured = Opened(options).run
         warn(measured)
         with doing('comparing orders'):
-            advice = advise_run(measured, wanted, options.seed)
+            advice = advise_run(measured, wanted, options.seed, environment)
         n, radius, run_id = measured.n, measured.radius, measured.run_id
     elif options.run_path is None and None not in planned:
         n, radius, run_id = options.balls, 1e-3 * options.radius_mm, ''
         with doing('comparing orders'):
-            advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed)
+            advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed,
+                            environment=environment)
     else:
         raise UsageError('advise: wanted either RUN or both --balls and --order')
     if options.json:
         print_json(advice_json(advice, n, radius, run_id))
     else:
         show_advice(advice, n, radius)
+
+
+def advise_readings(options: Namespace) -> None:
+    """Print the next readings of a run, and write them as a plan."""
+    if options.run_path is None or options.order is not None or options.show:
+        raise UsageError('advise: --readings: wanted RUN, without --order and --show')
+    if options.plan and Path(options.plan).suffix.lower() != '.csv':
+        raise UsageError(f'--plan: wanted a name that ends in .csv, got {options.plan!r}')
+    opened = Opened(options)
+    run = opened.run
+    warn(run)
+    found = next_readings(run, opened.model, options.readings, until=options.until or UNTIL)
+    if options.plan and found.targets is not None:
+        made = MeasuringPlan(with_block(run, found.targets), run.radius)
+        write_text(options.plan, format_plan(made), options.force)
+    if options.json:
+        print_json(results.next_json(found, run))
+        return
+    out = console()
+    for sentence in next_words(found):
+        out.print(escape(sentence), soft_wrap=True)
+    if found.targets is not None:
+        print_parts(out, [results.targets(found.targets, 1e3 * run.radius)])
+        if options.plan:
+            out.print(f'\nWritten to {escape(options.plan)}, after the {run.size} readings of the run. Measure with: '
+                      f'{program()} calibrate --plan {escape(options.plan)}', soft_wrap=True)
 
 
 def show_advice(advice: Advice, n: int, radius: float) -> None:
@@ -272,7 +330,8 @@ def show_advice(advice: Advice, n: int, radius: float) -> None:
         tables.visibility(advice.present.visibilities, best.visibilities).select(
             'effect', 'typical_visible_fraction', 'detectable_rms_um', 'recommended_order_visible_fraction',
             'recommended_order_detectable_rms_um', 'remark'),
-        tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'travel_time_s', 'duration_s')])
+        tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'U_ct_um', 'U_cr_urad',
+                                     'travel_time_s', 'duration_s')])
     if best.label != advice.present.label:
         turning = () if best.label == best.order else ('--turning', best.turning)
         places = ('--balls-of', ','.join(map(str, advice.balls))) if advice.balls else ()

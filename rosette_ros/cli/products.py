@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What follows from a run: a correction, whether it did what it promised, the uncertainty budget."""
 
+import re
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
@@ -9,10 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros import command
-from rosette_ros.analysis import evaluate_jointly, explanations_of
+from rosette_ros.analysis import explanations_of
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
-from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.budget_monte_carlo import MonteCarlo, monte_carlo
@@ -23,9 +24,9 @@ from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
-from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation, read_correction
-from rosette_ros.io.open_run import joint_identity, open_readings
-from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.io.controller_tables import OF_A_TURN, Axis, linuxcnc
+from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
+from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
@@ -36,42 +37,58 @@ from rosette_ros.words.verdict_words import verdict_text
 NOT_CONFIRMED = 1
 """Exit code; 0 where the correction did what it promised."""
 FEWEST_TRIALS, MOST_TRIALS = 100, 1_000_000
-STEPS = {'csv': 5.0, 'linuxcnc': 2.0}
+STEPS = {'csv': 5.0, 'linuxcnc': 2.0, **dict.fromkeys(OF_A_TURN, 5.0)}
 """Default distance of the lines of a table, deg."""
 MOST_LINES = 100_000
-"""Lines of a table; LinuxCNC reads fewer."""
+"""Lines of a table; controllers read fewer."""
 
 
 def correct_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='+')
-    add_shared(parser, '--run-id', '--model')
+    add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity')
-    parser.add_argument('--for', dest='target', choices=('ros', 'csv', 'linuxcnc'), default='ros',
+    add_shared(parser, '--identity', '--inputs', '--environment')
+    parser.add_argument('--for', dest='target', choices=('ros', *STEPS), default='ros',
                         help='ros: rosette-correction/1 (YAML) for table_corrector, verify and the simulated machine; '
-                             'csv: a table; linuxcnc: a compensation file, COMP_FILE_TYPE = 1 (default ros)')
+                             'csv: a table; linuxcnc: a compensation file, COMP_FILE_TYPE = 1; sinumerik-enc, '
+                             'sinumerik-cec, heidenhain (.COM), fanuc (pitch errors): tables of controllers '
+                             '(default ros)')
     parser.add_argument('-o', '--output', metavar='FILE', required=True, help='file to write')
     parser.add_argument('--curves', metavar='LIST', help='which errors are taken off, such as crz,ctz (default: all '
-                        'six; for linuxcnc crz, since it turns the table only)')
+                        'six; for a controller crz, since it turns the table only)')
     parser.add_argument('--step', metavar='DEG', type=positive('deg'),
-                        help='distance of the lines of a table (default 5 for csv, 2 for linuxcnc)')
+                        help='distance of the lines of a table (default 5; 2 for linuxcnc)')
     parser.add_argument('--range', metavar=('MIN', 'MAX'), nargs=2, type=float,
                         help='angles of the table, deg; for linuxcnc MIN_LIMIT and MAX_LIMIT of the axis '
                              '(default 0 360)')
+    parser.add_argument('--axis', metavar='NAME', help="the controller's axis (default C); C': of ISO 841, a table "
+                        'that carries the workpiece, which counts clockwise')
+    parser.add_argument('--sign', choices=('1', '-1'), help='sense in which the axis counts: 1 counter-clockwise seen '
+                        "from above (default; with C' -1)")
+    parser.add_argument('--zero', metavar='DEG', type=float, help='where the axis is at table angle 0 (default 0)')
+    parser.add_argument('--detection-unit', metavar='DEG', type=positive('deg'), help='of fanuc (default 0.0001)')
     add_shared(parser, '--force')
 
 
 def run_correct(options: Namespace) -> None:
     """Write the file and say what is in it."""
-    corrected = CURVES if options.target != 'linuxcnc' else ('crz',)
+    is_controller = options.target not in ('ros', 'csv')
+    corrected = ('crz',) if is_controller else CURVES
     if options.curves is not None:
         corrected = tuple(options.curves.split(','))
     if [one for one in corrected if one not in CURVES]:
         raise UsageError(f'--curves: wanted some of {",".join(CURVES)}, got {options.curves!r}')
-    if options.target == 'ros' and (options.step or options.range):
-        raise UsageError(f'correct: --{"step" if options.step else "range"} goes with --for csv or linuxcnc only; '
-                         'leave it out')
+    for name, targets in (('step', [*STEPS]), ('range', ['csv', 'linuxcnc']), ('detection_unit', ['fanuc']),
+                          *((one, [*STEPS][1:]) for one in ('axis', 'sign', 'zero'))):
+        if getattr(options, name) is not None and options.target not in targets:
+            raise UsageError(f'correct: --{name.replace("_", "-")} goes with --for {", ".join(targets)} only; leave '
+                             'it out')
+    axis = options.axis or 'C'
+    if not re.fullmatch(r"[A-Za-z]\w*'?", axis):
+        raise UsageError(f'--axis: wanted the name of an axis such as C, C1 or C\', got {axis!r}')
+    controller = Axis(axis.rstrip("'"), int(options.sign or (-1 if axis.endswith("'") else 1)), options.zero or 0.0,
+                      options.detection_unit or 1e-4)
     if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
         raise UsageError(f'--output: wanted a name for YAML with --for ros, got {options.output!r}; --for csv writes a '
                          'table')
@@ -84,8 +101,11 @@ def run_correct(options: Namespace) -> None:
                          f'--step {step:g}; take a larger --step or a smaller --range')
     refuse_output(options.output, options.force)
     correction, table, verdict, unknown = _correction(options, corrected)
+    notes: list[str] = []
     if options.target == 'linuxcnc':
-        text = linuxcnc_compensation(correction, low, high, step)
+        text, notes = linuxcnc(correction, low, high, step, controller)
+    elif is_controller:
+        text, notes = OF_A_TURN[options.target](correction, step, controller)
     elif options.target == 'csv':
         text = correction_csv(correction, np.deg2rad(np.append(np.arange(low, high - 1e-9, step), high)))
     else:
@@ -106,7 +126,10 @@ def run_correct(options: Namespace) -> None:
                   for kind, unit in (('ct', 'm'), ('cr', 'rad')))
         lines.append(f'Straight lines between the angles of the table miss {", ".join(corrected)} by at most '
                      f'{" and ".join(_in_unit(size, unit) for size, unit in missed if size is not None)}.')
-    lines.append(f'File: {options.output}')
+    if is_controller:
+        sign = '+' if controller.sign > 0 else '−'
+        lines.append(f'Axis: {controller.name} = {controller.zero:g}° {sign} table angle (--zero, --sign).')
+    lines += [*notes, f'File: {options.output}']
     if options.target == 'ros':
         lines.append('After a run with the correction, whether it did what it promised:\n  '
                      + command('verify', options.run_path[0], 'AFTER', '--correction', options.output,
@@ -118,8 +141,7 @@ def _correction(options: Namespace, corrected: tuple[str, ...]
                 ) -> tuple[Correction, str, Verdict | None, list[str]]:
     """Return the Correction, the table's serial number, the verdict of one run, and curves of unknown mean reversal."""
     if is_joint(options):
-        result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path],
-                                  read_sharing(options.share, len(options.run_path)))
+        result = joint_result(options)
         identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
         first, runs = result.curves[0][0].name, result.solution.model.runs
         by_sense = {table.sense: motions for table, motions in result.curves if table.name == first}
@@ -135,7 +157,7 @@ def _correction(options: Namespace, corrected: tuple[str, ...]
     if run.table_offset:
         raise UsageError(f'{opened.path}: wanted a run whose table position 1 is at angle 0, got '
                          f'{np.rad2deg(run.table_offset):.6g} deg; with --joint its curves are in the axes of angle 0')
-    motions = opened.fit.error_motions
+    motions = opened.motions
     return (Correction(motions, motions, corrected, run.run_id, run.simulated), opened.identity['table.serial'],
             opened.verdict, [])
 
@@ -151,7 +173,7 @@ def verify_arguments(parser: ArgumentParser) -> None:
         parser.add_argument(when, metavar=when.upper(), help=f'run {when} the correction: log or table')
     parser.add_argument('--correction', metavar='FILE', required=True,
                         help='the correction (rosette correct RUN --for ros)')
-    add_shared(parser, '--model', '--json')
+    add_shared(parser, '--model', '--inputs', '--environment', '--json')
 
 
 def run_verify(options: Namespace) -> int:
@@ -161,7 +183,7 @@ def run_verify(options: Namespace) -> int:
     before, after = (one.fit for one in opened)
     others = [f'{one.path}: is of table {one.identity["table.serial"]}, the correction of table {serial}'
               for one in opened if serial and one.identity['table.serial'] not in ('', serial)]
-    first, second = (fit.error_motions.turned_back(fit.run.table_offset) for fit in (before, after))
+    first, second = (one.motions.turned_back(one.run.table_offset) for one in opened)
     check = check_correction(first, second, correction, others,
                              (backward_share(before.run), backward_share(after.run)))
     code = 0 if check.level is Level.GOOD else NOT_CONFIRMED
@@ -181,7 +203,7 @@ def run_verify(options: Namespace) -> int:
 
 def budget_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--run-id', '--model', '--inputs', '--environment')
+    add_shared(parser, 'run_path', '--run-id', '--columns', '--model', '--inputs', '--environment')
     parser.add_argument('--hidden-effects', action='store_true', help='add bounds of effects that are not in the model '
                         'and that this order of measurement hides')
     parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),

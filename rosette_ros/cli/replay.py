@@ -5,8 +5,7 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ from rich.markup import escape
 from rich.progress import Progress
 from rosette_msgs.msg import ErrorMotions as ErrorMotionsMessage
 from rosette_msgs.msg import ProbeTarget, Run, RunState
+from rosette_msgs.srv import NextReadings
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.analysis import analyse
@@ -28,7 +28,9 @@ from rosette_ros.core.errors import CellError, InvalidData, plain
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.log_reader import LoggedMessage, iter_log, read_log
-from rosette_ros.io.log_run import LogRun
+from rosette_ros.io.log_run import BALL_CENTRE, PROBE_TARGET, LogRun
+from rosette_ros.io.messages import Target, answer_of, target_of
+from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.conversions import error_motions_record, qos_profile, run_message
@@ -75,6 +77,11 @@ def run(options: argparse.Namespace) -> None:
     if any(differ):
         raise InvalidData(f'{options.log}: wanted the expected error motions, got others; another version of the '
                           'software, or another model?')
+    if others := [seq for seq, is_same in player.decisions if not is_same]:
+        raise InvalidData(f'{options.log}: wanted the next readings after target {others[0]} as in the log, got '
+                          'others; another version of the software, or another model?')
+    if player.decisions:
+        out.print(f'[green]next readings equal to those in the log, {len(player.decisions)} times[/]')
 
 
 class Expected(NamedTuple):
@@ -178,6 +185,8 @@ class LogPlayer(GraphClient):
             self._node.create_publisher(RunState, names.RUN_STATE, qos.STATE))
         self._topics = {publisher.topic_name for publisher in self._publishers.values()}
         self._motions: list[ErrorMotionsMessage] = []
+        self._next_readings = self._node.create_client(NextReadings, names.NEXT_READINGS)
+        self.decisions: list[tuple[int, bool]] = []  # last target before each, whether it is as in the log
         self._node.create_subscription(ErrorMotionsMessage, names.ERROR_MOTIONS, self._motions.append, 10)
 
     @property
@@ -217,18 +226,40 @@ class LogPlayer(GraphClient):
 
         timeout: for each, s."""
         frames = frames_of(log.path)
+        for answers, request, response in decisions_of(log.path):
+            if answers.run_id in run_ids and self._evaluate(answers, frames.get(answers.run_id, []), timeout):
+                future = self._next_readings.call_async(request)
+                self._spin_until(future.done, timeout)
+                self.decisions.append((answers.targets[-1].seq, future.done() and future.result() == response))
         for run_id in run_ids:
-            answers = log.runs[run_id]
-            run = run_message(answers, frames.get(run_id, []), self._node.get_clock().now().to_msg())
-            run.process = f'{names.SEQUENCER} of a replay'
-            self._runs.publish(run)
-            self._states.publish(RunState(run_id=run_id, phase=RunState.PHASE_EVALUATION, done=answers.answered,
-                                          process=run.process))
-            self._spin_until(partial(self._has_motions, run_id), timeout)
+            self._evaluate(log.runs[run_id], frames.get(run_id, []), timeout)
         return {one.run_id: one for one in self._motions}
 
-    def _has_motions(self, run_id: str) -> bool:
-        return any(one.run_id == run_id for one in self._motions)
+    def _evaluate(self, answers: RunAnswers, frames: list[TransformStamped], timeout: float) -> bool:
+        """Publish a run as far as it is, and return whether its error motions came within `timeout`, s."""
+        run = run_message(answers, frames, self._node.get_clock().now().to_msg())
+        run.process = f'{names.SEQUENCER} of a replay'
+        self._runs.publish(run)
+        self._states.publish(RunState(run_id=answers.run_id, phase=RunState.PHASE_EVALUATION, done=answers.answered,
+                                      process=run.process))
+        wanted = answers.readings_hash
+        return bool(self._spin_until(lambda: any(one.readings_hash == wanted for one in self._motions), timeout))
+
+
+def decisions_of(log: str | Path) -> Iterator[tuple[RunAnswers, NextReadings.Request, NextReadings.Response]]:
+    """Yield each request for next readings in a log that was answered, with the readings until then."""
+    answers, request = dict[str, RunAnswers](), None
+    for message in iter_log(log):
+        if message.type_name in (PROBE_TARGET, BALL_CENTRE):
+            one = (target_of if message.type_name == PROBE_TARGET else answer_of)(
+                decoded(message.data, interface_class(message.type_name)))
+            known = answers.setdefault(one.run_id, RunAnswers(one.run_id))
+            known.add_target(one) if isinstance(one, Target) else known.add_answer(one)
+        elif _last(message.topic.removesuffix(names.SERVICE_EVENT)) == _last(names.NEXT_READINGS):
+            event = decoded(message.data, NextReadings.Event)
+            request = next(iter(event.request), request)
+            if event.response and event.response[0].success and request is not None and request.run_id in answers:
+                yield answers[request.run_id], request, event.response[0]
 
 
 def frames_of(log: str | Path) -> dict[str, list[TransformStamped]]:

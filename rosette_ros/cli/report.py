@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import STEPS, analyse, curves_over, evaluate_jointly, summarise
+from rosette_ros.analysis import STEPS, analyse, curves_over, summarise
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, doing, head, print_verdict
-from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
@@ -22,7 +22,6 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import joint_identity
-from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import bare_name, refuse_output, write_text
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation.plots.plot_style import save_all
@@ -71,8 +70,8 @@ def run(options: Namespace) -> None:
     if bool(options.run_path) == bool(options.compare):
         raise InvalidData('report: wanted either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
     for name in ('inputs', 'environment'):
-        if getattr(options, name) and (options.compare or is_joint(options)):
-            raise InvalidData(f'report: --{name} goes with one RUN only; leave it out')
+        if getattr(options, name) and options.compare:
+            raise InvalidData(f'report: --{name} does not go with --compare; leave it out')
     if options.compare:
         compare_runs(options)
     elif is_joint(options):
@@ -86,13 +85,12 @@ def report_jointly(options: Namespace) -> None:
     if options.overlay:
         raise InvalidData('report: --overlay does not go with --joint; leave it out')
     path = output_of(options, 'joint')
-    declared = read_sharing(options.share, len(options.run_path))
     opened = [open_with_files(one, options.run_id) for one in options.run_path]
     with doing('evaluating'):
-        result = evaluate_jointly([run for run, _ in opened], declared)
+        result = joint_result(options, [run for run, _ in opened])
     identity, contradictions = joint_identity(options.run_path, options.run_id, options.identity)
     files = [one for _, files in opened for one in files]
-    files += map(digest, filter(None, (options.share, options.identity)))
+    files += map(digest, filter(None, (options.share, options.identity, options.inputs)))
     pictures = joint_pictures(result)
     write_text(path, joint_html(result, files, options.command_line, pictures, identity, contradictions,
                                 options.annex), options.force)

@@ -30,7 +30,7 @@ SECTIONS: dict[str, tuple[str, dict[str, Entry]]] = {
         'u_um': Entry('standard deviation of a touch along its normal'),
         'number': Entry('touches of a ball', 1.0, float(USUAL), chosen=TOUCHES)}),
     'ball_form': ('form of the balls', {
-        'form_um': Entry('form deviation of a ball, peak to valley, as its certificate or grade states it'),
+        'form_um': Entry('form deviation of a ball, as its certificate or grade states it'),
         'touches': Entry('touches of a ball; those of the log take its place', 1.0, float(USUAL), chosen=TOUCHES)}),
     'plate_expansion': ('thermal expansion of the plate relative to the scales of the CMM', {
         'coefficient_um_per_m_K': Entry('coefficient, plate less scales', default=0.0, signed=True),

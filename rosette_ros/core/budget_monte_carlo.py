@@ -68,7 +68,7 @@ class Agreement:
 class MonteCarlo:
     """The scatter of the curves.
 
-    u: (n, 6), standard deviations; agreements: of the curves; covariance: (n, 6, 6), of the six errors of a point, m
+    u: (n, 6), standard deviations; agreements: of the curves; covariance: (n, 6, 6), of the six curves of a point, m
     and rad; reach: (n,), standard deviations that the ellipsoid of this covariance reaches which contains the six
     errors of a point together with probability 0.9545 (GUM S2, 7.7.2).
     """
@@ -82,7 +82,7 @@ class MonteCarlo:
 
     @property
     def correlation(self) -> Floats:
-        """The correlation of the six errors of each point, (n, 6, 6), 0 where an error does not scatter."""
+        """The correlation of the six curves of each point, (n, 6, 6), 0 where an error does not scatter."""
         product = self.u[:, :, None] * self.u[:, None, :]
         return np.divide(self.covariance, product, out=np.zeros_like(product), where=product > 0)
 
@@ -105,7 +105,7 @@ def monte_carlo(made: Budget, trials: int, seed: int = 0, on_step: Callable[[int
         if on_step:
             on_step(count)
     off = curves - made.fit.error_motions.values
-    expected = made.combined(with_bounds=False, with_hidden=False)
+    expected = made.combined(with_hidden=False)
     scatter = off - off.mean(axis=0)
     covariance = np.einsum('mia,mib->iab', scatter, scatter, optimize=True) / trials
     agreements = tuple(_agreement(off[:, :, place], expected[:, place]) for place in range(6))
@@ -113,7 +113,7 @@ def monte_carlo(made: Budget, trials: int, seed: int = 0, on_step: Callable[[int
 
 
 def _reach(scatter: Floats, covariance: Floats) -> Floats:
-    """Return the distances, in standard deviations, within which the six errors of a point lie together, (n,)."""
+    """Return the distances, in standard deviations, within which the six curves of a point lie together, (n,)."""
     unit = np.sqrt(np.maximum(np.einsum('iaa->ia', covariance), np.finfo(float).tiny))
     inverse = np.linalg.pinv(covariance / (unit[:, :, None] * unit[:, None, :]), hermitian=True)
     scaled = scatter / unit

@@ -52,7 +52,7 @@ class Correction:
         return min(self.forward.angle.size, self.backward.angle.size) // 2
 
     def errors(self, angle: ArrayLike, sense: int = 1) -> Floats:
-        """Return the six errors at angles (m,), rad, for the sense of the last move, (m, 6); not corrected ones are 0.
+        """Return the six curves at angles (m,), rad, for the sense of the last move, (m, 6); not corrected ones are 0.
 
             e(theta) = a_0 + sum_k (a_k cos k theta + b_k sin k theta),  k = 1 .. n/2
 
@@ -64,7 +64,7 @@ class Correction:
         return np.asarray(_waves(np.atleast_1d(np.asarray(angle, dtype=float)), motions.angle) @ amplitudes * used)
 
     def curvature(self) -> Floats:
-        """Return bounds of the second derivative of the six errors by the angle, both senses, (6,), m/rad^2, 1/rad."""
+        """Return bounds of the second derivative of the six curves by the angle, both senses, (6,), m/rad^2, 1/rad."""
         bounds = [np.abs(_orders(len(one))[:, None]**2 * one).sum(axis=0) for one in self._amplitudes]
         return np.asarray(np.max(bounds, axis=0))
 

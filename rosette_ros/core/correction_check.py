@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.diagnosis.verdict import Level
@@ -43,7 +43,7 @@ GOOD = (Effectiveness.VANISHED, Effectiveness.NOISE, Effectiveness.SAME)
 class CorrectedError:
     """One error before and after a correction; m or rad.
 
-    before, promised, after: peak to valley, as measured before, expected after, and measured after; expanded: U (k = 2)
+    before, promised, after: ranges, as measured before, expected after, and measured after; expanded: U (k = 2)
     of a point of the curve after, with that of the correction; gain, u_gain: the part of the correction that was taken
     off, 1 where all of it was, NaN where the curve is not corrected; p: chance that noise alone leaves as much;
     unchanged: whether noise alone explains how far it is from the one before.
@@ -209,4 +209,4 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
 def _p(difference: Floats, variance: Floats, curve: str) -> float:
     """Return the chance that noise alone makes a curve as large as `difference`, (n,)."""
     dof = difference.size - GAUGED.get(curve, 1)
-    return float(special.chdtrc(dof, np.sum(difference**2 / variance) * dof / difference.size))
+    return float(scipy.special.chdtrc(dof, np.sum(difference**2 / variance) * dof / difference.size))

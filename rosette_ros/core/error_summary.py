@@ -1,28 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The six errors of a table in a line each (ISO 230-7): range, parts, uncertainty, and conformity to a tolerance."""
+"""Error motions of a table in a line each (ISO 230-7): range, parts, uncertainty, and conformity to a tolerance."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rosette_ros.core.geometry import Floats, same_angles
+from rosette_ros.core.mixture import Mixture
 from rosette_ros.core.records import CURVES, ErrorMotions
 
 if TYPE_CHECKING:  # what only shows results starts without the least squares
     from rosette_ros.core.diagnosis.verdict import Judged
     from rosette_ros.core.joint.conclusion import Conclusion
-    from rosette_ros.core.mixture import Mixture
     from rosette_ros.core.model.least_squares import Fit
     from rosette_ros.core.uncertainty_budget import Budget
 
 COVERAGE_FACTOR = 2
 """k of expanded uncertainties, about 95 % (GUM 6.2)."""
 DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where range + U is at most the tolerance, '
-                 'does not conform where range − U is more; otherwise not decidable')
+                 'does not conform where range − U is more; otherwise neither conformity nor non-conformity can be '
+                 'proven (uncertainty range)')
 SURE = 0.5 + 0.5 * math.erf(COVERAGE_FACTOR / math.sqrt(2))
 """Probability from which on it is decided: that of a normal range at the guard band U, 97.7 %."""
 FEWEST_ANGLES = 4
@@ -60,9 +61,9 @@ def doubt_of(verdict: 'Judged | Conclusion | None') -> str:
 class AxisError:
     """One error of a table; m or rad.
 
-    curve, name: after VDI/VDE 2617 and ISO 230-1; range: peak to valley, the synchronous error; u_range: its standard
-    uncertainty; u_point: the largest of a point of the curve; once_per_turn, residual: peak to valley of the
-    fundamental part and of the rest, NaN where the curve has too few points; asynchronous, u_asynchronous: largest
+    curve, name: after VDI/VDE 2617 and ISO 230-1; range: the synchronous error motion value; u_range: its standard
+    uncertainty; u_point: the largest of a point of the curve; once_per_turn, residual: range of the fundamental
+    error motion and of the rest, NaN where the curve has too few points; asynchronous, u_asynchronous: largest
     width of the curves of several runs at one angle, None from one run; tolerance: of the range, or None; doubt: why no
     conformity is stated although there is a tolerance, '' where it is; spread: distribution of the range, None where it
     is normal.
@@ -79,7 +80,7 @@ class AxisError:
     u_asynchronous: float | None = None
     tolerance: float | None = None
     doubt: str = ''
-    spread: 'Mixture | None' = None
+    spread: Mixture | None = None
 
     @property
     def expanded(self) -> float:
@@ -139,9 +140,25 @@ def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances
 
 
 def fit_lines(fit: 'Fit', tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
-    """Return the AxisErrors of a Fit; tolerances, doubt: as of error_lines."""
-    return error_lines(fit.error_motions, fit.weighted_sigma * np.sqrt(
-        fit.joint.difference_cofactor(*extremes(fit.error_motions))), tolerances, doubt)
+    """Return the AxisErrors of a Fit, over its explanations; tolerances, doubt: as of error_lines."""
+    high, low = extremes(fit.error_motions)
+
+    def u_of(one: 'Fit') -> Floats:
+        return one.weighted_sigma * np.sqrt(one.joint.difference_cofactor(high, low))
+
+    if len(fit.explanations) < 2:
+        return error_lines(fit.error_motions, u_of(fit), tolerances, doubt)
+    p, fits = zip(*fit.explanations)
+    return lines_of(fit.error_motions, [Mixture(np.array(p) / sum(p), *map(np.array, some)) for some in zip(
+        np.transpose([one.error_motions.values[high, range(6)] - one.error_motions.values[low, range(6)]
+                      for one in fits]), np.transpose([u_of(one) for one in fits]))], tolerances, doubt)
+
+
+def lines_of(motions: ErrorMotions, spreads: Sequence[Mixture], tolerances: Mapping[str, float] | None = None,
+             doubt: str = '') -> tuple[AxisError, ...]:
+    """Return the AxisErrors of curves whose ranges have these distributions; the others as of error_lines."""
+    lines = error_lines(motions, np.sqrt([one.moments[1] for one in spreads]), tolerances, doubt)
+    return tuple(replace(line, spread=one) for line, one in zip(lines, spreads, strict=True))
 
 
 def stated_lines(fit: 'Fit', made: 'Budget | None', tolerances: Mapping[str, float] | None = None,

@@ -2,7 +2,7 @@
 """Errors that a user can mend: each says what was wanted, what came, where, and what to do."""
 
 import difflib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 MOST_LISTED = 24
 """Names that an error lists; of more it says the nearest."""
@@ -62,6 +62,16 @@ def unknown_name(what: str, name: str, known: Collection[str], listed_by: str = 
 def counted(number: int, one: str, several: str = '') -> str:
     """Return a number with its noun: '1 answer', '3 answers'; several: the plural where it is not `one` with an s."""
     return f'{number} {one if number == 1 else several or f"{one}s"}'
+
+
+KINDS = ((bool, 'true or false'), (str, 'a text'), (int, 'a whole number'), (float, 'a number'), (Mapping, 'a mapping'),
+         ((list, tuple), 'a list'), (type(None), 'nothing'))
+"""Kinds of values that a file may hold, as a user says them."""
+
+
+def kind_of(value: object) -> str:
+    """Return of which kind a value is, in words."""
+    return next((words for kind, words in KINDS if isinstance(value, kind)), 'something else')
 
 
 def one_line(error: Exception) -> str:

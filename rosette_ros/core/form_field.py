@@ -2,7 +2,7 @@
 """The form of a ball as a random surface: spherical harmonics of degrees 2 to 5, equally strong and in any attitude."""
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.geometry import Floats
 
@@ -21,8 +21,8 @@ def form_basis(direction: Floats) -> Floats:
     columns = []
     for degree in DEGREES:
         for order in range(degree + 1):
-            ratio = special.factorial(degree - order) / special.factorial(degree + order)
-            wave = np.sqrt((1 if order == 0 else 2) * ratio / len(DEGREES)) * special.lpmv(order, degree, height)
+            ratio = scipy.special.factorial(degree - order) / scipy.special.factorial(degree + order)
+            wave = np.sqrt((1 if order == 0 else 2) * ratio / len(DEGREES)) * scipy.special.lpmv(order, degree, height)
             columns += [wave * np.cos(order * azimuth)] + ([wave * np.sin(order * azimuth)] if order else [])
     return np.stack(columns, axis=-1)
 

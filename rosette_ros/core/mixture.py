@@ -7,7 +7,7 @@ from itertools import product
 from typing import Self
 
 import numpy as np
-from scipy import optimize, special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.records import Floats
 
@@ -52,7 +52,7 @@ class Mixture:
         """Return the probability that the quantity is at most a limit."""
         off = limit - self.mean
         z = np.divide(off, self.sd, out=np.where(off >= 0, np.inf, -np.inf), where=self.sd > 0)
-        return float(self.p @ special.ndtr(z))
+        return float(self.p @ scipy.special.ndtr(z))
 
     def factor(self, probability: float) -> float:
         """Return k so that mean +- k standard deviations contain the quantity with a probability."""
@@ -64,7 +64,7 @@ class Mixture:
         def lacks(k: float) -> float:
             return self.below(mean + k * u) - self.below(mean - k * u) - probability
 
-        return float(optimize.brentq(lacks, 0.0, 1 / np.sqrt(1 - probability) + 1e-6))  # Chebyshev
+        return float(scipy.optimize.brentq(lacks, 0.0, 1 / np.sqrt(1 - probability) + 1e-6))  # Chebyshev
 
 
 def total(p: Floats, mean: Floats, u: Floats) -> tuple[Floats, Floats]:

@@ -43,5 +43,5 @@ def p_value(p: float) -> str:
 
 
 def p_words(p: float) -> str:
-    """Return it as 'probability that it is noise: 0.37'."""
-    return f'probability that it is noise: {p_value(p)}'
+    """Return that of a lack-of-fit test as 'p-value of the lack-of-fit test: 0.37'."""
+    return f'p-value of the lack-of-fit test: {p_value(p)}'

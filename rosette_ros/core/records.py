@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records shared by the whole package: frozen, SI units, array shapes stated once."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -26,10 +27,17 @@ FEWEST_DIGITS = 6
 """So many coordinates that are whole numbers of steps are no chance."""
 ROUNDED = 'readings are rounded to'
 """How a remark on the resolution begins."""
+UNIT_DOUBT = 'a circle of ball centres'
+"""How a remark begins that radius and coordinates may be in another unit."""
 
 _INTEGERS = ('table_position', 'ball', 'approach', 'session')
 _REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel', 'cmm_sense')
 _DERIVED: Any = None  # in place of what was not recorded; never in a record that exists
+
+
+def in_time(unit: str, time: str) -> str:
+    """Return an SI unit with another unit of time (as of Run.time_unit) in place of the second: m/s, m/reading."""
+    return re.sub(r'\bs\b', time, unit)
 
 
 def _freeze(record: object, names: tuple[str, ...], dtype: DTypeLike) -> None:
@@ -129,6 +137,12 @@ class Run:
         """N, the number of readings."""
         return self.table_position.size
 
+    @property
+    def time_unit(self) -> str:
+        """The unit of its times: 's', or 'reading' where they count the readings of a table without times."""
+        counted = self.size > 1 and bool(np.all(np.abs(self.time - self.time[0] - np.arange(self.size)) < 1e-6))
+        return 'reading' if counted else 's'
+
     @cached_property
     def balls(self) -> tuple[int, ...]:
         """Numbers of the balls that were measured, ascending."""
@@ -186,9 +200,11 @@ class Run:
 
     @property
     def is_gapless(self) -> bool:
-        """Whether the CMM went from reading to reading: none is missing but whole balls or CMM positions, by plan."""
-        way = self._way
-        return way is not None and way.place.size == way.ball.size and self.size % _distinct(self.cells) == 0
+        """Whether the CMM went from reading to reading: none is missing but whole balls or CMM positions, by plan.
+
+        What follows when every pair has been measured once goes on from there."""
+        way, whole = self._way, _distinct(self.cells)
+        return way is not None and way.place.size == way.ball.size and _distinct(self.cells[:whole]) == whole
 
     @cached_property
     def completeness(self) -> float:

@@ -44,7 +44,8 @@ class Scheme:
     n: number of balls and of table positions; order: its name; seed: of a drawn order; table_position, ball: (N,)
     one-based; approach: (N,) +1 or -1, sense in which the table turns (last turned) to get there; touches: (N,) of each
     ball, 0 as the CMM usually does; session: (N,) 1 and one more after every pause that is planned; table_offset: table
-    angle of table position 1, rad, below one step of the table. Raises InvalidPlan for another one.
+    angle of table position 1, rad, below one step of the table; wait: (N,) s for which the cell stands still before
+    each reading. Raises InvalidPlan for another one.
     """
 
     n: int
@@ -56,13 +57,14 @@ class Scheme:
     touches: Ints = _DERIVED
     session: Ints = _DERIVED
     table_offset: float = 0.0
+    wait: Floats = _DERIVED
 
     def __post_init__(self) -> None:
         step = 360 / self.n
         if not 0 <= self.table_offset < np.deg2rad(step) * (1 - 1e-9):
             raise InvalidPlan(f'table offset: wanted 0 to below {step:.6g} deg, the step of {self.n} table positions, '
                               f'got {np.rad2deg(self.table_offset):.6g} deg')
-        for name, usual in (('touches', 0), ('session', 1)):
+        for name, usual in (('touches', 0), ('session', 1), ('wait', 0.0)):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.full(self.ball.size, usual))
 

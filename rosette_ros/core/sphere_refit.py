@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.geometry import Floats, Ints, rotate_z
 from rosette_ros.core.touches import LEAST_TOUCHES, fit_spheres, sphere_factors
@@ -99,7 +99,7 @@ class DirectionMap:
         seen = (self.count > 0).sum(axis=(-2, -1))
         square = (self.count * np.nan_to_num(self.mean)**2).sum(axis=(-2, -1)) / np.maximum(seen, 1)
         freedom = max(int(self.count.sum() - seen.sum()), 1)
-        p = special.fdtrc(seen, freedom, square / max(self.scatter, ROUNDING)**2)
+        p = scipy.special.fdtrc(seen, freedom, square / max(self.scatter, ROUNDING)**2)
         return np.asarray(np.where(square > ROUNDING**2, p, 1.0))
 
     @property

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import optimize, special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI
@@ -149,7 +149,7 @@ class _Fit:
     def probability(self, fall: Floats) -> Floats:
         """Return the probability of such a fall at one place without a step."""
         count = self.y.shape[1]
-        return np.asarray(special.fdtrc(count, self.dof, fall / count))
+        return np.asarray(scipy.special.fdtrc(count, self.dof, fall / count))
 
     def _design(self) -> Floats:
         return np.column_stack([self.base, *(self.runs >= place for place in self.steps)])
@@ -239,10 +239,10 @@ def _set_scatter(fits: Sequence[_Fit]) -> None:
     for components in _components(fits[0].y.shape[1]):
         own = np.array([run_to_run(fit.y[:, components], fit.series.u[fit.runs][:, components]) for fit in fits])
         dof = EFFICIENCY * np.array([len(fit.runs) * np.ones(own.shape[1]) for fit in fits])
-        known = np.log(np.maximum(own, 0.1 * LEAST_SCATTER) ** 2) - special.digamma(dof / 2) + np.log(dof / 2)
-        beyond = float(np.var(known, ddof=1) - np.mean(special.polygamma(1, dof / 2))) if known.size > 1 else 0.0
+        known = np.log(np.maximum(own, 0.1 * LEAST_SCATTER) ** 2) - scipy.special.digamma(dof / 2) + np.log(dof / 2)
+        beyond = float(np.var(known, ddof=1) - np.mean(scipy.special.polygamma(1, dof / 2))) if known.size > 1 else 0.0
         prior = _inverse_trigamma(beyond) if beyond > 0 else np.inf
-        common = np.exp(known.mean() + (special.digamma(prior / 2) - np.log(prior / 2) if beyond > 0 else 0.0))
+        common = np.exp(known.mean() + (scipy.special.digamma(prior / 2) - np.log(prior / 2) if beyond > 0 else 0.0))
         share = prior / (prior + dof) if beyond > 0 else np.ones_like(dof)
         scatter = np.sqrt(np.maximum(share * common + (1 - share) * own**2, LEAST_SCATTER**2))
         for fit, one, single in zip(fits, scatter, dof, strict=True):
@@ -261,7 +261,10 @@ def _components(count: int) -> list[list[int]]:
 
 def _inverse_trigamma(value: float) -> float:
     """Return x with trigamma(x / 2) = value > 0."""
-    return 2.0 * float(np.exp(optimize.brentq(lambda log: np.log(special.polygamma(1, np.exp(log)) / value), -20, 40)))
+    def lacks(log: float) -> float:
+        return float(np.log(scipy.special.polygamma(1, np.exp(log)) / value))
+
+    return 2.0 * float(np.exp(scipy.optimize.brentq(lacks, -20, 40)))
 
 
 def _base(days: Floats, temperature: Floats | None, runs: Ints) -> Floats:
@@ -278,16 +281,16 @@ def run_to_run(values: Floats, u: Floats) -> Floats:
 
     It solves mean min(d^2 / s^2, CUT^2) = E min(z^2, CUT^2) for normal z: steps and wear hardly change it."""
     square = (np.diff(values, axis=0) / np.hypot(u[1:], u[:-1])) ** 2
-    tail = special.ndtr(-CUT)
+    tail = scipy.special.ndtr(-CUT)
     expected = 1 - 2 * tail - 2 * CUT * np.exp(-CUT**2 / 2) / np.sqrt(TWO_PI) + 2 * CUT**2 * tail
-    found = np.maximum(np.median(square, axis=0) / special.ndtri(0.75) ** 2, NO_SCATTER)
+    found = np.maximum(np.median(square, axis=0) / scipy.special.ndtri(0.75) ** 2, NO_SCATTER)
     for _ in range(ITERATIONS):
         found = np.maximum(found * np.mean(np.minimum(square / found, CUT**2), axis=0) / expected, NO_SCATTER)
     return np.asarray(np.sqrt(found))
 
 
 def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
-    """Return when the range (peak to valley) of curves that runs show since their last change, (m, n), reaches a limit.
+    """Return when the range of curves that runs show since their last change, (m, n), reaches a limit.
 
     A straight line by weighted least squares at each angle; u: (m,) of the range. Range and slope are those of the
     fitted curve from the first run to the last, less (square) what noise leaves there, as it widens every range. The
@@ -302,7 +305,8 @@ def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
     scatter = max(1.0, float(np.sum((rest[:, last.argmax()] - rest[:, last.argmin()]) ** 2)) / dof)
     covariance = covariance * scatter
     n = curves.shape[1]
-    noise = np.sqrt(2.0) * special.ndtri((n - 0.375) / (n + 0.25))  # mean range of n points, of a u of the range; Blom
+    # mean range of n points, of a u of the range; Blom
+    noise = np.sqrt(2.0) * scipy.special.ndtri((n - 0.375) / (n + 0.25))
 
     def span(at: float) -> float:
         row = np.array([1.0, at])
@@ -310,7 +314,7 @@ def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
 
     level = span(0.0)
     slope = (level - span(since[0])) / -since[0]
-    factor = special.stdtrit(dof, 0.95) if scatter > 1 else special.ndtri(0.95)
+    factor = scipy.special.stdtrit(dof, 0.95) if scatter > 1 else scipy.special.ndtri(0.95)
     expected = 0.0 if level >= limit else (limit - level) / slope if slope > 0 else np.inf
     present = float(np.ptp(days)) / (len(days) - 1)
 
@@ -322,7 +326,7 @@ def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
     if bound(0.0) >= 0:
         soonest = 0.0
     else:
-        soonest = float(optimize.brentq(bound, 0.0, horizon)) if bound(horizon) > 0 else np.inf
+        soonest = float(scipy.optimize.brentq(bound, 0.0, horizon)) if bound(horizon) > 0 else np.inf
     interval = float(np.clip(soonest, 0.5 * present, 2.0 * present))
     return Forecast(level, float(slope), float(np.sqrt(covariance[1, 1])), float(expected), soonest, interval)
 
@@ -337,7 +341,8 @@ def course(days: Floats, values: Floats, u: Floats) -> tuple[float, float] | Non
     (last,), (slope,) = lines
     dof = len(days) - 2
     t = abs(slope) / np.sqrt(covariance[1, 1] * max(1.0, float(np.sum(rest**2)) / dof))
-    return (float(last + since[0] * slope), float(last)) if t > special.stdtrit(dof, 1 - FALSE_EVENTS / 2) else None
+    is_event = t > scipy.special.stdtrit(dof, 1 - FALSE_EVENTS / 2)
+    return (float(last + since[0] * slope), float(last)) if is_event else None
 
 
 def _lines(time: Floats, values: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:

@@ -9,16 +9,17 @@ with G the least squares from readings to curves, effects of the model fitted an
 squares; the degrees of freedom follow Welch and Satterthwaite.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize, special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
 from rosette_ros.core.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
-from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes, lines_of
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.form_field import form_basis, standard_height
 from rosette_ros.core.geometry import radial, rotate_z
@@ -39,7 +40,7 @@ SEEN = 1e-6
 """What an influence leaves of the residuals is seen from this part of their standard deviation on."""
 HARMLESS = 0.05
 """Bias of the curves, as displacement per rms displacement of the balls, below which an effect is left out."""
-PROBABILITY = float(special.erf(COVERAGE_FACTOR / np.sqrt(2)))
+PROBABILITY = math.erf(COVERAGE_FACTOR / math.sqrt(2))
 """That a normal quantity lies within k = 2 of its mean: 0.9545."""
 
 
@@ -73,9 +74,9 @@ class Budget:
     around: Surrounded | None = None
     explained: tuple[tuple[float, Surrounded], ...] = ()
 
-    def combined(self, with_bounds: bool = True, with_hidden: bool = True) -> Floats:
-        """Return the combined standard uncertainty of each point of the curves, (n, 6), m and rad (GUM 5.1.2)."""
-        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if (with_bounds or not one.is_bound) and (
+    def combined(self, with_hidden: bool = True) -> Floats:
+        """Return the combined standard uncertainty of each point, (n, 6), m and rad (GUM 5.1.2); no bound is in it."""
+        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if not one.is_bound and (
             with_hidden or not one.is_hidden))))
 
     @property
@@ -85,9 +86,9 @@ class Budget:
 
     @property
     def error_motions(self) -> ErrorMotions:
-        """The curves with their combined standard uncertainties, bounds left out."""
+        """The curves with their combined standard uncertainties."""
         values = _explained(self.explained)[0] if self.explained else self.fit.error_motions.values
-        return replace(self.fit.error_motions, values=values, u=self.combined(False))
+        return replace(self.fit.error_motions, values=values, u=self.combined())
 
     def lines(self, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
         """Return the AxisErrors of the curves with these uncertainties; tolerances, doubt: as of error_lines.
@@ -105,8 +106,7 @@ class Budget:
         p, every = zip(*self.explained)
         spreads = [one.ranges(high, low, others) for one in every]
         together = [Mixture.together(p, some) for some in zip(*spreads)]
-        lines = error_lines(motions, np.sqrt([one.moments[1] for one in together]), tolerances, doubt)
-        return tuple(replace(line, spread=one) for line, one in zip(lines, together, strict=True))
+        return lines_of(motions, together, tolerances, doubt)
 
     @property
     def effective_dof(self) -> Floats:
@@ -114,7 +114,8 @@ class Budget:
 
         The lines of the noise share one estimate of its size, and count as one."""
         noise = sum(one.mean**2 for one in self.contributions if one.is_noise)
-        fourth = noise**2 / self.dof + sum(one.mean**4 / one.dof for one in self.contributions if not one.is_noise)
+        fourth = noise**2 / self.dof + sum(one.mean**4 / one.dof for one in self.contributions
+                                              if not (one.is_noise or one.is_bound))
         whole = np.broadcast_to(fourth, self.mean.shape)
         dof: Floats = np.divide(self.mean**4, whole, out=np.full(self.mean.shape, np.inf), where=whole > 0)
         return dof
@@ -124,7 +125,7 @@ class Budget:
         """Factors k for the probability of k = 2 of a normal quantity, by the degrees of freedom, (6,)."""
         dof = self.effective_dof
         finite = np.minimum(dof, 1e9)
-        return np.asarray(special.stdtrit(finite, (1 + PROBABILITY) / 2))
+        return np.asarray(scipy.special.stdtrit(finite, (1 + PROBABILITY) / 2))
 
 
 def _explained(every: Sequence[tuple[float, Surrounded]]) -> tuple[Floats, Floats]:
@@ -136,7 +137,7 @@ def _explained(every: Sequence[tuple[float, Surrounded]]) -> tuple[Floats, Float
 
 def probability_of_u(dof: float) -> float:
     """Return the probability that U (k = 2) contains the true value, P(|t| < k) of Student's t (GUM G.3)."""
-    return float(2 * special.stdtr(min(dof, 1e9), COVERAGE_FACTOR) - 1)
+    return float(2 * scipy.special.stdtr(min(dof, 1e9), COVERAGE_FACTOR) - 1)
 
 
 def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | None = None,
@@ -243,7 +244,7 @@ def _noise_of(fit: Fit, displaced: Sequence['_Displaced']) -> tuple[float, float
         of_known = variance + extra
         return float(np.sum(1 / of_known - shown / of_known**2) + rest_dof / variance - rest / variance**2)
 
-    variance = optimize.brentq(slope, rest / dof, (rest + shown.sum()) / rest_dof) if shown.size else rest / dof
+    variance = scipy.optimize.brentq(slope, rest / dof, (rest + shown.sum()) / rest_dof) if shown.size else rest / dof
     return fit.sigma * float(np.sqrt(variance)), rest_dof + float(np.sum((variance / (variance + extra))**2))
 
 

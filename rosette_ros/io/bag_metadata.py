@@ -168,6 +168,16 @@ def write_bag_metadata(directory: Path, mapping: Mapping[str, Any], is_first: bo
     replace_file(directory / FILE_NAME, bag_text({TOP_KEY: mapping}).encode(), force=not is_first)
 
 
+_OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
+           b'#ROSBAG V': 'is a bag of ROS 1; wanted MCAP: convert it with `rosbags-convert --src BAG --dst FOLDER '
+                         '--dst-storage mcap` (pip install rosbags)',
+           b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it'}
+_PACKED = b'\x28\xb5\x2f\xfd'  # zstd
+_UNPACK = ((b'\x1f\x8b', 0, 'gzip -dk'), (b'\xfd7zXZ\0', 0, 'xz -dk'), (b'BZh', 0, 'bzip2 -dk'),
+           (b'ustar', 257, 'tar -xf'))
+"""What stands in a packed file, at which byte, and what unpacks it."""
+
+
 @dataclass(frozen=True)
 class BagListing:
     """The .mcap files of a log in order, and of its metadata.yaml: custom_data, what is wrong, messages by file."""
@@ -191,6 +201,9 @@ def find_files(path: str | Path) -> BagListing:
                               f'{"a device or a pipe" if path.exists() else "nothing there; check the path"}')
         if not holds_log(path):
             if not (inside := runs_in(path)):
+                for one in sorted(filter(is_regular, path.iterdir())):
+                    with open(one, 'rb') as stream:
+                        refuse_other(one, stream.read(512))
                 raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
             raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
                               f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
@@ -258,6 +271,18 @@ def _shown(directory: Path, pattern: str) -> list[Path]:
     return [path for path in directory.glob(pattern) if not is_hidden(path.name) and is_regular(path)]
 
 
+def refuse_other(path: Path, begin: bytes) -> None:
+    """Raise InvalidData where a file, by its first bytes, is packed or of another kind that is known."""
+    if begin.startswith(_PACKED):
+        raise packed_error([path])
+    for magic, at, command in _UNPACK:
+        if begin.startswith(magic, at):
+            raise InvalidData(f'{path}: is a packed file; unpack it: {command} {shlex.quote(str(path))}')
+    for magic, words in _OTHERS.items():
+        if begin.startswith(magic):
+            raise InvalidData(f'{path}: {words}')
+
+
 def packed_error(paths: Sequence[Path]) -> InvalidData:
     """Return the error about compressed files of a folder, with the command that unpacks them."""
     path, *others = paths
@@ -282,7 +307,7 @@ def read_bag_metadata(path: Path) -> BagListing:
     except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
             f'{path}: wanted a rosbag2 description with {TOP_KEY} and relative_file_paths, got '
-            f'{type(error).__name__}; give the .mcap file itself, or delete metadata.yaml') from error
+            'another text; give the .mcap file itself, or delete metadata.yaml') from error
     if storage != 'mcap':
         raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; convert the log with '
                           '`ros2 bag convert`')

@@ -18,10 +18,12 @@ from rosette_ros.core.geometry import Bools, Floats, fitted_frame, nominal_angle
 from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import cmm_position, nominal_places
-from rosette_ros.io.csv_parser import COLUMNS, LENGTHS, SCHEMA, WAY_COLUMNS, CsvTable
+from rosette_ros.io.column_map import ColumnMap
+from rosette_ros.io.csv_parser import COLUMNS, WAY_COLUMNS, CsvTable
 from rosette_ros.io.plate_file import plate_of_table
 from rosette_ros.io.reading_checks import RADII, note_on_offset, remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
+from rosette_ros.io.table_heading import LENGTHS, SCHEMA
 from rosette_ros.io.text_file import read_limited, write_text
 
 MAX_BYTES = 256 << 20  # a larger table is refused; 360 balls make 17 MB
@@ -30,14 +32,16 @@ TRAVEL_TOLERANCE = 1e-3  # a travel that angles and approach determine to within
 _UNIT = 1.5  # factor within which a ratio of radii is taken for a wrong unit
 
 
-def read_csv(path: str | Path) -> Run:
-    """Return the Run of a CSV table; raises InvalidData that names file, line and column where it is none."""
-    return parse_csv(read_limited(path, 'a table', MAX_BYTES), str(path))
+def read_csv(path: str | Path, columns_of: ColumnMap | None = None) -> Run:
+    """Return the Run of a CSV table, or of another one whose columns are known.
+
+    Raises InvalidData that names file, line and column where it is none."""
+    return parse_csv(read_limited(path, 'a table', MAX_BYTES), str(path), columns_of)
 
 
-def parse_csv(data: bytes, source: str = 'table') -> Run:
-    """Return the Run of a CSV table given as bytes; `source` is named in errors."""
-    table = CsvTable(data, source)
+def parse_csv(data: bytes, source: str = 'table', columns_of: ColumnMap | None = None) -> Run:
+    """Return the Run of a CSV table given as bytes; `source` is named in errors; columns_of: as of read_csv."""
+    table = CsvTable(data, source, columns_of)
     notes = [*table.notes, *_put_on_places(table)]
     n = _find_balls(table)
     _check_rows(table, n)

@@ -4,6 +4,8 @@
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from rosette_ros.core.budget_inputs import BOUNDS, ENVIRONMENT, SECTIONS, BudgetInputs, Entry
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import InvalidData, unknown
@@ -30,6 +32,26 @@ def read_stated(path: str | Path | None, environment: str | None = None) -> dict
         given = read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData)
         budget_inputs(given, str(path))
     return {**given, **({ENVIRONMENT: {'class': environment}} if environment else {})} if given else None
+
+
+def environment_of(given: Any, source: str = 'budget inputs') -> Environment | None:
+    """Return the Environment that YAML states for several runs as one; raises InvalidData where it states more."""
+    if not given:
+        return None
+    if more := [section for section, entries in given.items() if section not in ('schema', ENVIRONMENT) and entries]:
+        raise InvalidData(f'{source}: wanted the section {ENVIRONMENT} only with several runs as one, got {more[0]}; '
+                          'leave it out')
+    return budget_inputs(given, source).environment
+
+
+def format_environment(environment: Environment) -> str:
+    """Return an Environment as a file of budget inputs, YAML."""
+    def told(size: Size, unit: str) -> dict[str, Any]:
+        return {unit: float(f'{1e6 * size.value:.3g}'), 'words': size.source}
+    section: dict[str, Any] = {kind: told(one, KINDS[kind].unit) for kind, one in environment.sizes.items()}
+    if environment.effects:
+        section[EFFECTS_OF] = {name: told(one, 'um') for name, one in environment.effects.items()}
+    return yaml.safe_dump({'schema': SCHEMA, ENVIRONMENT: section}, sort_keys=False, allow_unicode=True, width=110)
 
 
 def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:

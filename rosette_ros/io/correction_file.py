@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Corrections as files: rosette-correction/1 (YAML), a table (CSV), the compensation file of LinuxCNC."""
+"""Corrections as files: rosette-correction/1 (YAML), and a table (CSV)."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,16 +10,12 @@ import yaml
 
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.errors import InvalidConfig, InvalidData
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions, Floats
 from rosette_ros.io.safe_yaml import PlainDumper, is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-correction/1'
 MOST_BYTES, MOST_ANGLES = 4 << 20, 4000
-MOST_LINES = 256
-"""Lines that LinuxCNC 2.9 reads of a compensation file."""
-MOST_LOST = 0.1
-"""Share of the largest correction that straight lines between the lines of such a file may lose."""
 _KEYS = ('schema', 'run_id', 'table', 'simulated', 'corrected', 'forward', 'backward')
 _NAMES = ('angle', *CURVES, *(f'u_{curve}' for curve in CURVES))
 
@@ -34,7 +29,7 @@ def format_correction(correction: Correction, table: str = '') -> str:
     if correction.backward is not correction.forward:
         values['backward'] = _lists(correction.backward)
     return ('# Errors of a rotary table at its angles: rad, m (ctx cty ctz), rad (crx cry crz), u standard '
-            'uncertainties.\n# They are what the table does wrong: a controller takes them off.\n'
+            'uncertainties.\n# Deviations actual minus nominal; compensation = -deviation.\n'
             + str(yaml.dump(values, Dumper=PlainDumper, sort_keys=False, width=120, default_flow_style=None)))
 
 
@@ -85,12 +80,12 @@ def correction_csv(correction: Correction, angles: Floats) -> str:
     u = COVERAGE_FACTOR * 1e6 * correction.forward.u.max(axis=0)
     head = (
         f'# errors of a rotary table, run: {correction.run_id}\n'
-        '# sign: what the table does wrong; a controller takes it off (subtracts it)\n'
+        '# sign: deviations actual minus nominal; compensation = -deviation\n'
         '# at angle_deg the body that was turned by it stands at c + (1 + [r]x) R_z p, c = (ctx, cty, ctz), '
         'r = (crx, cry, crz), in the table frame\n'
         '# forward, backward: sense of the last move of the table\n'
         f'# harmonics: up to {correction.harmonics} of the angle\n'
-        f'# U (k = {COVERAGE_FACTOR}) of a point: '
+        f'# U (k = {COVERAGE_FACTOR}) of a single value: '
         + ', '.join(f'{curve} {value:.4g} µ{SI_UNITS[curve]}' for curve, value in zip(CURVES, u))
         + '\n' + '# simulated: the run was measured by the simulated machine\n' * correction.simulated)
     names = [f'{curve}_u{unit}' for curve, unit in SI_UNITS.items()]
@@ -101,39 +96,3 @@ def correction_csv(correction: Correction, angles: Floats) -> str:
     cells = ([f'{angle:.9g}', *(f'{value + 0.0:.6f}' for part in values for value in part)]
              for angle, *values in zip(np.rad2deg(angles), *rows, strict=True))
     return head + ''.join(','.join(row) + '\n' for row in (columns, *cells))
-
-
-def linuxcnc_compensation(correction: Correction, low: float, high: float, step: float) -> str:
-    """Return the text of a compensation file of LinuxCNC (COMP_FILE_TYPE = 1): nominal, forward and reverse trim, deg.
-
-    low, high: MIN_LIMIT and MAX_LIMIT of the axis, which is not taken modulo a turn; step: between lines, deg. The trim
-    is added to the motor: -crz. Raises InvalidConfig where LinuxCNC would not read so many lines, or crz is not in it.
-    """
-    if 'crz' not in correction.corrected:
-        raise InvalidConfig('correct: wanted crz among the errors to correct, since a compensation file turns the '
-                            f'table only, got {", ".join(correction.corrected)}')
-    lines = math.ceil((high - low) / step - 1e-9) + 1
-    turn = np.deg2rad(np.arange(0.0, 360.0, 0.25))
-    size = max(np.abs(correction.errors(turn, sense)[:, 5]).max() for sense in (1, -1))
-    bound = correction.curvature()[5] / 8
-    widest = math.floor(1e3 * np.rad2deg(np.sqrt(MOST_LOST * size / bound))) / 1e3 if bound else 360.0
-    least = math.ceil((high - low) / (MOST_LINES - 1) * 1000) / 1000
-    if lines > MOST_LINES and least > widest:
-        raise InvalidConfig(
-            f'correct: wanted at most {MOST_LINES} lines, which LinuxCNC reads, no farther apart than {widest:g} deg, '
-            f'got a range of {high - low:g} deg; LinuxCNC repeats no table, so narrow MIN_LIMIT and MAX_LIMIT of the '
-            f'axis, and --range, to {math.floor(widest * (MOST_LINES - 1)):g} deg together')
-    if lines > MOST_LINES:
-        raise InvalidConfig(f'correct: wanted at most {MOST_LINES} lines, which LinuxCNC reads, got {lines}; take '
-                            f'--step {least:g} to {widest:g}, or a smaller --range')
-    nominal = np.append(low + step * np.arange(lines - 1), high)
-    trims = [-np.rad2deg(correction.errors(np.deg2rad(nominal), sense)[:, 5]) for sense in (1, -1)]
-    between = low + (high - low) * np.arange(40 * lines) / (40 * lines - 1)
-    lost = max(np.abs(np.interp(between, nominal, np.deg2rad(trim)) + correction.errors(
-        np.deg2rad(between), sense)[:, 5]).max() for trim, sense in zip(trims, (1, -1)))
-    if lost > MOST_LOST * size:
-        raise InvalidConfig(f'correct: wanted lines between which straight lines lose at most {MOST_LOST:.0%} of crz, '
-                            f'got --step {step:g}, which loses {1e6 * lost:.3g} of {1e6 * size:.3g} µrad; '
-                            f'take --step {widest:g} or less')
-    return ''.join(f'{angle:.6f} {forward + 0.0:.9f} {backward + 0.0:.9f}\n'
-                   for angle, forward, backward in zip(nominal, *trims, strict=True))

@@ -33,14 +33,18 @@ SECTIONS: dict[str, dict[str, str]] = {
     'laboratory': {**_ADDRESS, 'accreditation': 'accreditation'}, 'customer': {**_ADDRESS, 'order': 'order number'},
     'place': {'name': 'place of the calibration', 'at': 'laboratory, customer or other'},
     'measured': {'begin': 'first day of measuring', 'end': 'last day of measuring'},
+    'conditions': {'load': 'load on the table', 'speed': 'speed of the table',
+                   'radial': 'radial place of the measurement', 'axial': 'axial place of the measurement'},
+    'traceability': {'name': 'metrological traceability'},
     'operator': {'name': 'operator'}, 'signer': {'name': 'signer', 'role': 'role of the signer'},
     **{name: dict(_DEVICE) for name in DEVICES}}
 """Sections of the file, and the meaning of their entries."""
 REQUIRED = ('certificate.number', 'laboratory.name', 'laboratory.city', 'laboratory.country', 'customer.name',
-            'customer.city', 'place.name', 'operator.name', 'signer.name',
+            'customer.city', 'place.name', 'conditions.load', 'conditions.speed', 'conditions.axial',
+            'traceability.name', 'operator.name', 'signer.name',
             *(f'{device}.{entry}' for device in DEVICES for entry in ('maker', 'model', 'serial')))
-"""Entries that a certificate is not complete without, ISO/IEC 17025, 7.8."""
-NAMED = ('place', 'operator', 'signer')
+"""Entries that a certificate is not complete without, ISO/IEC 17025, 7.8.2 and 7.8.4, ISO 230-7."""
+NAMED = ('place', 'traceability', 'operator', 'signer')
 """Sections that may be a text alone, the name."""
 AT = ('laboratory', 'customer', 'other')
 ARC_SECOND = math.pi / 648000
@@ -157,7 +161,8 @@ def _entry(section: str, name: str, value: object, where: str) -> str:
     if not isinstance(value, str):
         raise InvalidData(f'{where}: wanted a text in quotes, got {value!r:.40}; without them YAML makes another value '
                           'of it')
-    text, most = ' '.join(value.split()), LONGEST_REMARKS if name == 'remarks' else LONGEST
+    text = ' '.join(value.split())
+    most = LONGEST_REMARKS if name == 'remarks' or section == 'traceability' else LONGEST
     if len(text) > most or not text.isprintable():
         raise InvalidData(f'{where}: wanted at most {most} printable characters, got {text!r:.60}')
     if name == 'country' and not re.fullmatch('[A-Z]{2}', text):

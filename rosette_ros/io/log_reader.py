@@ -29,7 +29,7 @@ from mcap.records import Channel, Chunk, Header, McapRecord, Message, Metadata, 
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap_ros2.decoder import DecoderFactory
 
-from rosette_ros.core.errors import InvalidData, plain
+from rosette_ros.core.errors import InvalidData, counted, plain
 from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io import log_run
 from rosette_ros.io.log_run import RECORDS, TF_MESSAGE, LogRun
@@ -185,6 +185,10 @@ class LogFile:
                     is_first = False
                     self._allowance.take()
                     yield record
+                end = stream.tell()
+                if rest := stream.seek(0, SEEK_END) - end:
+                    self._note(f'ends at byte {end}; {counted(rest, "byte")} behind it were not read: was another log '
+                               'put behind it? Cut them off, and read what they are by itself')
                 return
             except _DAMAGED as error:
                 self._read_summary(stream)
@@ -196,7 +200,7 @@ class LogFile:
                 if place is None:
                     self.truncated = isinstance(error, EndOfFile)
                     if not self.truncated:
-                        self._note(f'is damaged ({str(error) or type(error).__name__:.200}): the rest is lost')
+                        self._note(f'is damaged behind byte {self._sound}: the rest is lost')
                     return
                 self._note('a damaged part was skipped; reading went on where the summary says')
                 stream.seek(place)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from rosette_ros.core.diagnosis.verdict import VerdictText
-from rosette_ros.core.errors import InvalidData, plain
+from rosette_ros.core.errors import InvalidData, kind_of, plain
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import CURVES, ErrorMotions, Run
 from rosette_ros.io import messages as msg
@@ -85,7 +85,7 @@ def check_version(type_name: str, schema_text: str, message: SimpleNamespace) ->
         value = getattr(record, name)
         for one, kind in zip(value, (float,) * 3) if isinstance(value, tuple) else ((value, wanted),):
             if type(one) not in ((int, float) if kind is float else (kind,)) or (kind is int and name in wide):
-                raise InvalidData(f'{name}: wanted {_KINDS[kind]}, the log has {type(one).__name__}; {advice}')
+                raise InvalidData(f'{name}: wanted {_KINDS[kind]}, the log has {kind_of(one)}; {advice}')
 
 
 @dataclass(eq=False)

@@ -168,13 +168,16 @@ class Rows(Sequence[Row]):
     A text is held once and by its number, a point by three numbers."""
 
     def __init__(self, kind: type[Row]) -> None:
-        self._kind, self._texts, self._numbers = kind, list[str](), dict[str, int]()
-        self._columns = [(array({int: 'q', str: 'l'}.get(held, 'd')), held is str, held not in (int, str, float))
-                         for held in kind.__annotations__.values()]
+        self._kind: type[Row] = kind
+        self._texts, self._numbers = list[str](), dict[str, int]()
+        self._columns: list[tuple[array[Any], bool, bool]] = [
+            (array({int: 'q', str: 'l'}.get(held, 'd')), held is str, held not in (int, str, float))
+            for held in kind.__annotations__.values()]
 
     def append(self, row: Row) -> None:
         """Add a row."""
-        for (column, is_text, is_point), value in zip(self._columns, row, strict=True):
+        values: tuple[Any, ...] = row
+        for (column, is_text, is_point), value in zip(self._columns, values, strict=True):
             if is_point:
                 column.extend(value)
             elif is_text:
@@ -192,8 +195,9 @@ class Rows(Sequence[Row]):
         if isinstance(place, slice):
             return [self[one] for one in range(len(self))[place]]
         row = range(len(self))[place]
-        return self._kind(*(self._texts[column[row]] if is_text else tuple(column[3 * row:3 * row + 3]) if is_point
-                            else column[row] for column, is_text, is_point in self._columns))
+        return self._kind._make(
+            self._texts[column[row]] if is_text else tuple(column[3 * row:3 * row + 3]) if is_point else column[row]
+            for column, is_text, is_point in self._columns)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and list(self) == list(other)

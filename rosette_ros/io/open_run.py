@@ -2,7 +2,6 @@
 """RUN as the command line knows it: a log directory, an .mcap file or a CSV table, which may have a plate file."""
 
 import re
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import Run
 from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io.ball_centre_table import read_csv, read_with_plate
+from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.log_reader import MAGIC, read_log
 from rosette_ros.io.log_run import LogRun
@@ -23,16 +23,6 @@ from rosette_ros.io.text_file import reading
 WANTED = 'a log directory, an .mcap file or a CSV table'
 _PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
 _HEAD = 1 << 16
-_OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
-           b'#ROSBAG V': 'is a bag of ROS 1; wanted MCAP: convert it with `rosbags-convert --src BAG --dst FOLDER '
-                         '--dst-storage mcap` (pip install rosbags)',
-           b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it'}
-_PACKED = b'\x28\xb5\x2f\xfd'  # zstd
-_UNPACK = ((b'\x1f\x8b', 0, 'gzip -dk'), (b'\xfd7zXZ\0', 0, 'xz -dk'), (b'BZh', 0, 'bzip2 -dk'),
-           (b'ustar', 257, 'tar -xf'))
-"""What stands in a packed file, at which byte, and what unpacks it."""
-
-
 def is_log(path: str | Path) -> bool:
     """Whether a path is a log: a directory, or a file that begins as MCAP does.
 
@@ -47,14 +37,7 @@ def is_log(path: str | Path) -> bool:
             begin = stream.read(512)
     if not begin:
         raise InvalidData(f'{path}: is empty; wanted {WANTED}')
-    if begin.startswith(_PACKED):
-        raise bag.packed_error([path])
-    for magic, at, command in _UNPACK:
-        if begin.startswith(magic, at):
-            raise InvalidData(f'{path}: is a packed file; unpack it: {command} {shlex.quote(str(path))}')
-    for magic, words in _OTHERS.items():
-        if begin.startswith(magic):
-            raise InvalidData(f'{path}: {words}')
+    bag.refuse_other(path, begin)
     return begin.startswith(MAGIC) or path.suffix == '.mcap'
 
 
@@ -66,12 +49,13 @@ def open_run(path: str | Path, run_id: str | None = None) -> Run:
     return _open(path, run_id)[0]
 
 
-def open_identified(path: str | Path, run_id: str | None = None, file: str | Path | None = None) -> tuple[
-        Run, Identity, tuple[str, ...]]:
+def open_identified(path: str | Path, run_id: str | None = None, file: str | Path | None = None,
+                    columns_of: ColumnMap | None = None) -> tuple[Run, Identity, tuple[str, ...]]:
     """Return a Run, its Identity, and in words what a file states other than its log; raises as open_run.
 
-    file: an identity file, whose entries take the place of those in the log."""
-    run, log = _open(path, run_id)
+    file: an identity file, whose entries take the place of those in the log; columns_of: what the columns of a table of
+    another program are."""
+    run, log = _open(path, run_id, columns_of)
     return run, *stated(log.identity(run.run_id) if log else Identity(), file)
 
 
@@ -88,13 +72,13 @@ def has_plate(path: str | Path) -> bool:
         return bool(_PLATE_LINE.search(stream.read(_HEAD)))
 
 
-def open_readings(path: str | Path, run_id: str | None = None) -> Readings:
+def open_readings(path: str | Path, run_id: str | None = None, columns_of: ColumnMap | None = None) -> Readings:
     """Return the Readings of a log directory, an .mcap file or a CSV table, which may have a plate of any pitch.
 
     Raises InvalidData as open_run, and where plate file and table do not belong together."""
     if has_plate(path):
         return read_with_plate(path)
-    run, log = _open(path, run_id)
+    run, log = _open(path, run_id, columns_of)
     return Readings.of(run, log.frame_of(run.run_id) if log else None)
 
 
@@ -115,11 +99,11 @@ def joint_identity(paths: Sequence[str | Path], run_id: str | None = None, file:
     return identity, (*contradictions, *changed)
 
 
-def _open(path: str | Path, run_id: str | None) -> tuple[Run, LogRun | None]:
+def _open(path: str | Path, run_id: str | None, columns_of: ColumnMap | None = None) -> tuple[Run, LogRun | None]:
     if is_log(path):
         log = read_log(path)
         return log.to_run(run_id), log
-    run = read_csv(path)
+    run = read_csv(path, columns_of)
     if run_id not in (None, run.run_id):
         raise InvalidData(f'{path}: wanted run {run_id!r}, got {run.run_id!r}')
     # times in an unknown unit are none; a copy of the table keeps them

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import TWO_PI, Ints, nominal_angles, wrap
+from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
 from rosette_ros.core.model.base_entries import refuse_undetermined
 from rosette_ros.core.scheme import Scheme, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES
-from rosette_ros.io.csv_parser import meant
 from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, parse_yaml
+from rosette_ros.io.table_heading import meant
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-plan/1'
@@ -27,6 +27,10 @@ _HEAD = ('schema', 'balls', 'radius_mm', 'order', 'table_offset_deg')
 _CHOICE = ('seed', 'turning', 'cmm_positions', 'balls_in_use', 'touches')
 """What an order may have besides."""
 _COLUMNS = ('table_position', 'ball', 'approach', 'session', 'touches')
+WAIT = 'wait_s'
+"""The column of the waits, which only plans have that wait."""
+LONGEST_WAIT = 86400
+"""Of a reading, s."""
 _IS_TABLE = re.compile(rb'^"?#\s*schema\s*:', re.MULTILINE)
 _WHOLE, _REAL = re.compile(r'[+-]?[0-9]{1,18}'), re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?')
 _NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
@@ -72,8 +76,11 @@ def format_plan(made: MeasuringPlan) -> str:
     head = {'schema': SCHEMA, 'balls': scheme.n, 'radius_mm': round(1e3 * made.radius, 9), 'order': scheme.order}
     if scheme.table_offset:
         head['table_offset_deg'] = round(float(np.rad2deg(scheme.table_offset)), 12)
-    rows = zip(*(getattr(scheme, name).tolist() for name in _COLUMNS))
-    return '\n'.join([*(f'# {name}: {value}' for name, value in head.items()), ','.join(_COLUMNS),
+    columns = {name: getattr(scheme, name).tolist() for name in _COLUMNS}
+    if scheme.wait.any():
+        columns[WAIT] = scheme.wait.round(3).tolist()
+    rows = zip(*columns.values())
+    return '\n'.join([*(f'# {name}: {value}' for name, value in head.items()), ','.join(columns),
                       *(','.join(map(str, row)) for row in rows), ''])
 
 
@@ -97,7 +104,7 @@ def _of_order(n: int, values: Mapping[str, Any], source: str) -> Scheme:
 
 def _of_rows(n: int, order: str, texts: Mapping[str, list[str]], source: str) -> Scheme:
     """Return the scheme of a table of readings."""
-    known_keys(texts, _COLUMNS, f'{source}: column', InvalidPlan)
+    known_keys(texts, (*_COLUMNS, WAIT), f'{source}: column', InvalidPlan)
     if missing := [name for name in _COLUMNS[:2] if name not in texts]:
         raise InvalidPlan(f'{source}: wanted the columns table_position and ball, got none named {missing[0]}')
     if not _NAME.fullmatch(order):
@@ -116,7 +123,18 @@ def _of_rows(n: int, order: str, texts: Mapping[str, list[str]], source: str) ->
         raise InvalidPlan(f'{source}: row {row + 1}: session: wanted 1 in the first row and one more after each pause, '
                           f'got {session[row]}')
     touches = _checked_touches(column('touches', 0, 1000, 0), source)
-    return Scheme(n, order, 0, table, ball, _senses(n, table, column('approach', -1, 1, 0)), touches, session)
+    return Scheme(n, order, 0, table, ball, _senses(n, table, column('approach', -1, 1, 0)), touches, session,
+                  wait=_waits(texts.get(WAIT, ['0'] * size), source))
+
+
+def _waits(texts: list[str], source: str) -> Floats:
+    """Return waits, (N,), s."""
+    values = list(map(_value, texts))
+    for row, value in enumerate(values, 1):
+        if isinstance(value, str) or not 0 <= value <= LONGEST_WAIT:
+            raise InvalidPlan(f'{source}: row {row}: {WAIT}: wanted a number of seconds in 0..{LONGEST_WAIT}, got '
+                              f'{value!r:.40}')
+    return np.array(values, dtype=float)
 
 
 def _senses(n: int, table_position: Ints, approach: Ints) -> Ints:

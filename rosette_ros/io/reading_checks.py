@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rosette_ros.core.geometry import Floats, wrap
 from rosette_ros.core.number_words import micrometres, significant
-from rosette_ros.core.records import ROUNDED, Run, resolution_of
+from rosette_ros.core.records import ROUNDED, UNIT_DOUBT, Run, resolution_of
 from rosette_ros.io.messages import Answer, Phase, Target
 
 Pairs = Sequence[tuple[Target, Answer]]
@@ -21,6 +21,8 @@ PACES, TEMPERATURES, REPEATABILITIES = (1.0, 3600.0), (5.0, 45.0), (1e-9, 1e-3) 
 RADII = (0.02, 5.0)
 """Circles of ball centres that can be, m."""
 USUAL_PACE = 30.0  # s a ball
+MOST_GAPS = 3
+LONG_GAP = 3000.0, 20.0  # longer within a session, s and paces, is no part of measuring: nearly an hour
 _TIMES = {'µs': 1e-6, 'ms': 1e-3, 'minutes': 60.0, 'hours': 3600.0, 'days': 86400.0, 'ns': 1e-9}
 _LENGTHS = {'m': 1e3, 'inch': 25.4, 'cm': 10.0, 'µm': 1e-3}
 RADIUS = 2e-3  # a radius is wrong that differs by more than this share from the circle of the ball centres
@@ -97,15 +99,20 @@ def _remarks_on_units(run: Run, is_timed: bool) -> tuple[str, ...]:
         found.append(f'ball centres are {significant(step, 2)} s apart, {"quicker" if step < 1 else "slower"} than a '
                      f'CMM measures; is time_s in {unit}, which would be {significant(step * _TIMES[unit], 2)} s? give '
                      'seconds; until then effects in time cannot be found')
-    if not RADII[0] <= run.radius <= RADII[1]:
-        likely = [f'{unit} (R = {1e3 * run.radius * factor:.6g} mm)' for unit, factor in _LENGTHS.items()
-                  if 0.05 <= run.radius * factor <= 1]
-        found.append(f'a circle of ball centres of R = {1e3 * run.radius:.6g} mm is none of a plate of balls; are '
-                     f'radius and coordinates in {" or ".join(likely) or "another unit"}? give mm')
     known, (least, most) = run.repeatability, REPEATABILITIES
     if known is not None and not least <= known <= most:
         found.append(f'the stated repeatability is {micrometres(known)}; is it in mm or m? give µm')
     return tuple(found)
+
+
+def radius_words(radius: float) -> str:
+    """Return why a radius, m, is not that of a plate of balls, in words; '' where it may be one."""
+    if RADII[0] <= radius <= RADII[1]:
+        return ''
+    likely = [f'{unit} (R = {1e3 * radius * factor:.6g} mm)' for unit, factor in _LENGTHS.items()
+              if 0.05 <= radius * factor <= 1]
+    return (f'{UNIT_DOUBT} of R = {1e3 * radius:.6g} mm is none of a plate of balls; are radius and coordinates in '
+            f'{" or ".join(likely) or "another unit"}? give mm')
 
 
 def note_on_offset(offset: float) -> tuple[str, ...]:
@@ -129,9 +136,25 @@ def temperature_words(temperature: Floats) -> str:
     return f'the temperature is {known.min():.2f} to {known.max():.2f} °C; is it in °F or K? give °C'
 
 
+def known_temperatures(run: Run) -> Floats:
+    """Return the temperatures that were measured, °C, of all that states or uses one; none where they cannot be."""
+    known = run.temperature[np.isfinite(run.temperature)]
+    return known[:0] if temperature_words(known) else known
+
+
 def remarks_on_run(run: Run) -> tuple[str, ...]:
-    """Return what is wrong with the readings of a table or a log, in words: their temperature; another radius."""
-    return (*filter(None, [temperature_words(run.temperature)]), *_remarks_on_radius(run))
+    """Return what is wrong with the readings of a table or a log, in words: radius, temperature, gaps."""
+    return (*filter(None, [radius_words(run.radius), temperature_words(run.temperature)]), *_remarks_on_gaps(run),
+            *_remarks_on_radius(run))
+
+
+def _remarks_on_gaps(run: Run) -> tuple[str, ...]:
+    """Return between which readings too much time lies, pauses that are stated aside, in words."""
+    (least, paces), gap = LONG_GAP, np.diff(run.time)
+    long = np.flatnonzero((gap > max(least, paces * _pace(run.time))) & (np.diff(run.session) == 0))
+    places = ', '.join(f'{one + 1} and {one + 2} ({gap[one] / 60:.0f} min)' for one in long[:MOST_GAPS].tolist())
+    return (f'much time lies between readings {places}; was the clock changed, as to summer time, or the run '
+            'interrupted? Correct the times, or state pauses_before',) if places else ()
 
 
 def _remarks_on_radius(run: Run) -> tuple[str, ...]:

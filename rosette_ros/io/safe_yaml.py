@@ -122,4 +122,5 @@ def load_plain(text: str) -> Any:
                 raise NotPlain(f'line {line}: wanted at most {DEEPEST} levels of nesting, got more')
         return yaml.load(text, Loader=_Loader)
     except BAD_VALUE as error:
-        raise NotPlain(f'wanted YAML values, got one that is none: {" ".join(str(error).split())}') from error
+        raise NotPlain('wanted YAML values, got one that is none, such as a date that does not exist; write a text in '
+                       'quotes') from error

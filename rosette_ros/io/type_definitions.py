@@ -86,7 +86,7 @@ class TypeLibrary:
             fields = {entry['type_name']: entry['fields'] for entry in described}
         except (ValueError, KeyError, TypeError) as error:
             raise InvalidConfig(f'{path}: wanted a type description with type_description_msg and type_hashes, got '
-                                f'{error!r}; build the package again') from error
+                                'something else; build the package again') from error
         if type_name not in fields or type_name not in hashes:
             raise InvalidConfig(f'{path}: wanted a description of {type_name}, got {", ".join(sorted(fields))}')
         self._descriptions.update(fields)

@@ -179,6 +179,11 @@ class CellNode(GraphNode):
         ros_time = self.get_clock().now()
         return ros_time if ros_time.nanoseconds > 0 else self.system.now()
 
+    @property
+    def has_simulated_time(self) -> bool:
+        """Whether the ROS time is that of /clock."""
+        return bool(self.get_parameter('use_sim_time').value)
+
     def has_time(self) -> bool:
         """Return whether the ROS time runs: always on the wall clock, else after the first /clock."""
         return self.get_clock().now().nanoseconds > 0

@@ -15,11 +15,13 @@ from rosette_msgs import msg
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
+from rosette_ros.calibration.calibration_plan import BLOCK, block_of
 from rosette_ros.calibration.goal import OF_EVENT
 from rosette_ros.core import records
 from rosette_ros.core.diagnosis.verdict import noise_facts
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
+from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import PublishedMotions
 from rosette_ros.io.messages import TOUCH_ARRAYS, Answer, Target, table_frame_of
@@ -77,6 +79,17 @@ def target_message(target: Target, stamp: Time | None = None) -> msg.ProbeTarget
                        header=Header(stamp=stamp or time_message(target.stamp_ns), frame_id=target.frame_id))
 
 
+def block_message(block: Scheme | None) -> msg.Block:
+    """Return the Block of readings, an empty one of None."""
+    return msg.Block() if block is None else msg.Block(**{name: getattr(block, name).tolist() for name in BLOCK})
+
+
+def block_scheme(message: msg.Block, n: int) -> Scheme | None:
+    """Return the readings of a Block on n balls, None where it has none; raises InvalidPlan as block_of does."""
+    block = block_of(n, {name: getattr(message, name) for name in BLOCK})
+    return block if block.ball.size else None
+
+
 def run_message(answers: RunAnswers, frames: list[TransformStamped], stamp: Time) -> msg.Run:
     """Return the Run message of all targets and answers of a run and its table frames."""
     made = msg.Run(header=Header(stamp=stamp), run_id=answers.run_id, frames=frames)
@@ -96,7 +109,7 @@ def answers_of(message: msg.Run) -> RunAnswers:
         for row in zip(*(_column(message, 'answer', name) for name in Answer._fields), strict=True):
             answers.add_answer(Answer(*row))
     except ValueError as error:
-        raise InvalidData(f'run {answers.run_id}: wanted arrays of one length, got others: {error}') from error
+        raise InvalidData(f'run {answers.run_id}: wanted arrays of one length, got others') from error
     answers.frames += filter(None, map(table_frame_of, message.frames))
     return answers
 

@@ -16,7 +16,9 @@ from rosette_ros.core.joint.sharing import PARTS, SEATS
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.number_words import micrometres, significant
+from rosette_ros.core.planning.next_readings import NextReadings, next_readings
 from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import Scheme
 
 RUNS_KEPT = 4
 _Run = TypeVar('_Run')
@@ -77,6 +79,19 @@ class ModelInUse:
             raise InvalidData(f'run_id: wanted one of {", ".join(self._runs)} (the last {RUNS_KEPT} are kept), got '
                               f'{run_id!r}; the logs of older ones are for rosette evaluate (several: --joint)')
         return self._runs[run_id]
+
+    def next_readings(self, run_id: str, readings_hash: str, refused: Callable[[int], Sequence[Scheme]],
+                      **wanted: Any) -> NextReadings:
+        """Return the NextReadings of an evaluated run, the last one where none is named; raises RosetteError.
+
+        readings_hash: of the readings that are meant, '' for any; refused: returns blocks on so many balls; wanted: as
+        of `next_readings`."""
+        run = self.run(run_id)
+        known = self._hashes.get(run.run_id, '')
+        if readings_hash not in ('', known):
+            raise InvalidData(f'run {run.run_id}: wanted readings with the hash {readings_hash!r:.80}, got {known!r}; '
+                              'publish the run again')
+        return next_readings(run, self.model, refused=refused(run.n), **wanted)
 
     def diagnose(self, run_id: str = '') -> tuple[Run, Diagnosis]:
         """Return the run and its Diagnosis; raises RosetteError."""

@@ -13,7 +13,7 @@ from rcl_interfaces.msg import Parameter, ParameterType
 from rosette_msgs import msg
 from rosette_msgs.msg import Diagnosis, ErrorMotions, JointEvaluation, Model, RunState
 from rosette_msgs.msg import Run as RunMessage
-from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, RemoveEffect
+from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, NextReadings, RemoveEffect
 from std_msgs.msg import Header
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED
@@ -24,6 +24,7 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.planning.next_readings import BLOCK
 from rosette_ros.core.records import Run
 from rosette_ros.io.messages import TABLE_FRAME
 from rosette_ros.io.model_file import parse_entry, read_model
@@ -33,6 +34,7 @@ from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_n
 from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, declared_sharing
 from rosette_ros.nodes.interfaces import introspected_service
 from rosette_ros.words.result_words import conclusion_text
+from rosette_ros.words.settling_words import block_words, standing_words
 
 WANTED = (
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
@@ -58,8 +60,8 @@ class Evaluator(CellNode):
 
     Topics: subscribes to `run`, `run_state`; publishes `model`, `diagnosis`,
     `error_motions`, in this order, and `joint_evaluation`, all latched. Services: `evaluator/diagnose`,
-    `evaluator/add_effect`, `evaluator/remove_effect`, `evaluator/evaluate_jointly`, answered after their calculation,
-    during which messages wait. Parameters: WANTED."""
+    `evaluator/next_readings`, `evaluator/add_effect`, `evaluator/remove_effect`, `evaluator/evaluate_jointly`, answered
+    after their calculation, during which messages wait. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(names.EVALUATOR, WANTED)
@@ -72,6 +74,7 @@ class Evaluator(CellNode):
         self._diagnosis_out = self.create_publisher(Diagnosis, names.DIAGNOSIS, qos.RESULT)
         introspected_service(self, Diagnose, names.DIAGNOSE, self._on_diagnose)
         self._joint_out = self.create_publisher(JointEvaluation, names.JOINT_EVALUATION, qos.RESULT)
+        introspected_service(self, NextReadings, names.NEXT_READINGS, self._on_next_readings)
         introspected_service(self, EvaluateJointly, names.EVALUATE_JOINTLY, self._on_evaluate_jointly)
         introspected_service(self, AddEffect, names.ADD_EFFECT, self._on_add)
         introspected_service(self, RemoveEffect, names.REMOVE_EFFECT, self._on_remove)
@@ -167,6 +170,16 @@ class Evaluator(CellNode):
     def _on_diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> None:
         response.diagnosis = self._diagnose(request.run_id)
         response.message = response.diagnosis.verdict
+
+    @_callback_of(names.NEXT_READINGS)
+    def _on_next_readings(self, request: NextReadings.Request, response: NextReadings.Response) -> None:
+        found = self._in_use.next_readings(
+            plain(request.run_id), plain(request.readings_hash),
+            lambda n: [block for one in request.refused if (block := conversions.block_scheme(one, n))],
+            readings=min(request.readings or BLOCK, BLOCK), until=request.until_probability,
+            uncertainty=request.until_uncertainty or None)
+        response.settled, response.block = found.is_settled, conversions.block_message(found.targets)
+        response.text, response.message = standing_words(found), block_words(found)
 
     @_callback_of(names.EVALUATE_JOINTLY)
     def _on_evaluate_jointly(self, request: EvaluateJointly.Request, response: EvaluateJointly.Response) -> None:

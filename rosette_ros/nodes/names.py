@@ -28,6 +28,7 @@ START_CALIBRATION, CANCEL_CALIBRATION = 'start_calibration', 'cancel_calibration
 START_RECORDING, STOP_RECORDING = 'recorder/start_recording', 'recorder/stop_recording'
 RECALL, RECORDED = 'recorder/recall', 'recorder/recorded'
 DIAGNOSE, ADD_EFFECT, REMOVE_EFFECT = 'evaluator/diagnose', 'evaluator/add_effect', 'evaluator/remove_effect'
+NEXT_READINGS = 'evaluator/next_readings'
 EVALUATE_JOINTLY, JOINT_EVALUATION = 'evaluator/evaluate_jointly', 'joint_evaluation'
 TRIAL = 'check'
 """Begin of the name of a node that tries the CMM in place of a sequencer (rosette check-cmm)."""

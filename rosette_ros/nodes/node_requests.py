@@ -10,11 +10,14 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
-from rosette_msgs.msg import CalibrationEvent, ProbeTarget
-from rosette_msgs.srv import CheckPlan, Recall, Recorded, StartRecording, StopRecording
+from rosette_msgs.msg import Block, CalibrationEvent, ProbeTarget
+from rosette_msgs.srv import CheckPlan, NextReadings, Recall, Recorded, StartRecording, StopRecording
 
+from rosette_ros.calibration.calibration_plan import CalibrationPlan
+from rosette_ros.calibration.commands import Commands, Remark, Until
 from rosette_ros.calibration.state_machine import Sequence
-from rosette_ros.core.errors import CellError, plain
+from rosette_ros.core.errors import CellError, InvalidPlan, plain
+from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import WAKE_PERIOD, CellNode
@@ -174,12 +177,13 @@ class RecorderLink(Recalls):
 
 
 class PlanCheck:
-    """The question to the CMM, once for each run."""
+    """The question to the CMM, once for each run and for each block that may be added to its plan."""
 
     def __init__(self, node: CellNode) -> None:
         self._node = node
         self._client = node.create_client(CheckPlan, names.CHECK_PLAN)
-        self._run_id, self._sent = '', 0.0
+        self._plan: CalibrationPlan | None = None
+        self._sent = 0.0
         self._targets: Iterator[ProbeTarget] | None = None
         self._question = CheckPlan.Request()
         self._answer: Future | None = None
@@ -189,14 +193,15 @@ class PlanCheck:
         """Whether the question is made, or its answer is awaited."""
         return self._targets is not None or (self._answer is not None and not self._answer.done())
 
-    def is_passed(self, sequence: Sequence, now: float) -> bool:
-        """Return whether the CMM takes the plan, or does not offer to say so; False while it is asked.
+    def is_passed(self, run_id: str, plan: CalibrationPlan, now: float, begin: int = 0) -> bool:
+        """Return whether the CMM takes a plan, or does not offer to say so; False while it is asked.
 
-        now: steady time, s. Raises CellError where it does not, in its words."""
-        if self._run_id != sequence.run_id:
-            self._run_id, self._question, self._targets, self._answer = sequence.run_id, CheckPlan.Request(), None, None
+        now: steady time, s; begin: index of the first target of which it is not known. Raises CellError where it does
+        not, in its words."""
+        if self._plan is not plan:
+            self._plan, self._question, self._targets, self._answer = plan, CheckPlan.Request(), None, None
             if self._client.service_is_ready():
-                self._targets = self._targets_of(sequence)
+                self._targets = self._targets_of(run_id, plan, begin)
         if self._targets is not None:
             more = list(islice(self._targets, _AT_ONCE))
             self._question.targets.extend(more)
@@ -216,11 +221,67 @@ class PlanCheck:
             raise CellError(f'the CMM cannot measure this plan: {plain(answer.message, most=2000)}')
         return True
 
-    def _targets_of(self, sequence: Sequence) -> Iterator[ProbeTarget]:
-        plan, stamp = sequence.plan, self._node.now().to_msg()
-        for index in range(plan.total):
+    def _targets_of(self, run_id: str, plan: CalibrationPlan, begin: int) -> Iterator[ProbeTarget]:
+        stamp = self._node.now().to_msg()
+        for index in range(begin, plan.total):
             target = plan.placed(plan.target(index), plan.taught, MACHINE_FRAME)
-            yield conversions.target_message(target._replace(run_id=sequence.run_id), stamp)
+            yield conversions.target_message(target._replace(run_id=run_id), stamp)
+
+
+class NextBlock:
+    """The question to the evaluator which readings settle what is open, and to the CMM whether it takes them."""
+
+    def __init__(self, node: CellNode, evaluator: Requests, plan_check: PlanCheck) -> None:
+        self._evaluator, self._plan_check = evaluator, plan_check
+        self._client = node.create_client(NextReadings, names.NEXT_READINGS)
+        self._request, self._response = NextReadings.Request(), None  # the last ones
+        self._sequence: Sequence | None = None  # for which they are
+        self._plan: CalibrationPlan | None = None  # with the readings in the response
+
+    def refuse_none(self, sequence: Sequence) -> None:
+        """Raise CellError where a sequence will ask, and no evaluator offers to answer."""
+        if sequence.until and not self._client.service_is_ready():
+            raise CellError(f'until: wanted an evaluator with the service {names.NEXT_READINGS}, got none; start '
+                            'another one, or calibrate without until')
+
+    def ask(self, sequence: Sequence, readings_hash: str, readings: int, refused: Iterable[Block] = ()) -> None:
+        """Ask for at most so many readings after those with a hash, no refused block; `tick` has the answer."""
+        until = sequence.until or Until(0.0, 0.0, 0)
+        request = NextReadings.Request(
+            run_id=sequence.run_id, readings_hash=readings_hash, readings=readings, refused=list(refused),
+            until_probability=until.probability, until_uncertainty=until.uncertainty)
+        self._sequence, self._request, self._response, self._plan = sequence, request, None, None
+
+        def take(response: NextReadings.Response) -> None:
+            if self._request is request:
+                self._response = response
+
+        self._evaluator.call(self._client, request, sequence.limits.evaluation_timeout, take)
+
+    def tick(self, sequence: Sequence, now: float) -> Commands:
+        """Return what follows for a sequence once evaluator and CMM have answered; now: steady time, s."""
+        response, request = self._response, self._request
+        if response is None or sequence is not self._sequence:
+            return ()
+        text, words = (plain(one, most=2000) for one in (response.text, response.message))
+        block: Scheme | None = None
+        try:
+            block = conversions.block_scheme(response.block, sequence.plan.scheme.n)
+            if response.success and block is not None:
+                self._plan = self._plan or sequence.plan.followed_by(block)
+                if not self._plan_check.is_passed(sequence.run_id, self._plan, now, sequence.plan.run_end):
+                    return ()
+        except InvalidPlan as error:
+            response.success, words = False, str(error)
+        except CellError as error:
+            if len(request.refused) < sequence.limits.attempts:
+                self.ask(sequence, request.readings_hash, request.readings, [*request.refused, response.block])
+                return (Remark(f'{error}; asking for other readings'),)
+            block, text = None, f'{text}; {error}'
+        self._response = None
+        if not response.success:
+            return sequence.not_decided(words, now)
+        return sequence.decided(block, text, now, response.settled)
 
 
 def target_subscriptions(node: Node) -> list[Any]:

@@ -16,28 +16,18 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
+from rosette_ros.calibration import commands as to
 from rosette_ros.calibration.goal import Job, Request, make_job
 from rosette_ros.calibration.settings import IDENTITY, LIMITS, PLANNED, RESUME, Wanted, goal_changes
-from rosette_ros.calibration.state_machine import (
-    Ask,
-    Command,
-    Finish,
-    Locate,
-    PublishRun,
-    PublishState,
-    Remark,
-    Results,
-    Verify,
-    with_advice,
-)
+from rosette_ros.calibration.state_machine import with_advice
 from rosette_ros.core.errors import CellError, RosetteError, plain
-from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, answer_of, nanoseconds
+from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, Target, answer_of, nanoseconds
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING
-from rosette_ros.nodes.node_requests import END_EVENTS, CellMonitor, PlanCheck, RecorderLink, Requests
+from rosette_ros.nodes.node_requests import END_EVENTS, CellMonitor, NextBlock, PlanCheck, RecorderLink, Requests
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
 CELL = (
@@ -65,9 +55,12 @@ class Sequencer(ManagedNode):
         self._frames = self.create_publisher(TFMessage, names.TF_STATIC, qos.RESULT)
         self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER, from_one=True)
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
-        self._recorder, self._joint = RecorderLink(self), Requests(self, names.EVALUATOR)
+        self._recorder, self._evaluator = RecorderLink(self), Requests(self, names.EVALUATOR)
         self._joint_client = self.create_client(EvaluateJointly, names.EVALUATE_JOINTLY)
         self._cell, self._plan_check = CellMonitor(self, self._recorder), PlanCheck(self)
+        self._next_block = NextBlock(self, self._evaluator, self._plan_check)
+        # A request that a killed one has, is lost: its service is on the graph until the next one offers it.
+        self.monitor(names.EVALUATOR).on_change = partial(self._evaluator.give_up, 'the evaluator was restarted')
         introspected_service(self, Trigger, names.START_CALIBRATION, self._on_start)
         introspected_service(self, Trigger, names.CANCEL_CALIBRATION, self._on_cancel_service)
         self._action = CalibrateServer(
@@ -177,7 +170,8 @@ class Sequencer(ManagedNode):
         if lacks_recorder or not self._cell.is_settled(now):
             return
         try:
-            job.is_waiting = not self._plan_check.is_passed(job.sequence, now)
+            self._next_block.refuse_none(job.sequence)
+            job.is_waiting = not self._plan_check.is_passed(job.run_id, job.sequence.plan, now)
         except CellError as error:
             self._do(job, job.sequence.fail(str(error)))
         if not job.is_waiting and self._recorder.is_there:
@@ -216,7 +210,7 @@ class Sequencer(ManagedNode):
     def _on_error_motions(self, message: ErrorMotions) -> None:
         job = self._job
         if job is not None and message.run_id == job.run_id:
-            results = Results(nanoseconds(message.header.stamp), message.readings_hash, message.model_hash,
+            results = to.Results(nanoseconds(message.header.stamp), message.readings_hash, message.model_hash,
                               message.diagnosed)
             commands = job.sequence.evaluated(results)
             job.motions = message if commands else job.motions
@@ -231,7 +225,7 @@ class Sequencer(ManagedNode):
         """Check the time limits and which nodes are connected."""
         now = self.seconds()
         self._recorder.tick(now)
-        self._joint.tick(now)
+        self._evaluator.tick(now)
         job = self._job
         is_asked = job and (job.is_over or job.opening or job.sequence.phase is Phase.EVALUATION)
         if job and is_asked and names.RECORDER in self._cell.trouble(job.processes, 0).restarted:
@@ -252,6 +246,7 @@ class Sequencer(ManagedNode):
         else:
             if not (job.opening or job.is_over):
                 self._check_nodes(job, now)
+            self._do(job, self._next_block.tick(job.sequence, now))
             if not self._cell.is_late(names.CMM):  # else it may not have been there to be asked
                 self._do(job, job.sequence.tick(now))
             if job.sequence.left is not None:
@@ -299,28 +294,37 @@ class Sequencer(ManagedNode):
         self._publish_event(job.request, CalibrationEvent.ACCEPTED, f'continues {job.resumes}', job)
         self._recorder.start(job.run_id, job.run_id, self._recorder_timeout, on_opened)
 
-    def _do(self, job: Job, commands: Sequence[Command]) -> None:
+    def _do(self, job: Job, commands: Sequence[to.Command]) -> None:
         for command in commands:
             match command:
-                case Ask(target):
-                    self._targets.publish(conversions.target_message(target))
-                case Locate(frame, stamp_ns):
+                case to.Ask(target, wait):
+                    self.after(0.0 if not wait or self.has_simulated_time else wait, partial(self._ask, job, target))
+                case to.Locate(frame, stamp_ns):
                     # In a run that is resumed: when its alignment found the frame, should the old log lack that.
                     stamp = conversions.time_message(job.located_ns or stamp_ns)
                     found = conversions.frame_message(frame, MACHINE_FRAME, TABLE_FRAME, stamp)
                     job.frames += found.transforms
                     self._frames.publish(found)
-                case Remark(text):
+                case to.Remark(text):
                     self.get_logger().warning(f'run {job.run_id}: {text}')
                     job.remarks.append(text)
-                case PublishState():
+                case to.PublishState():
                     self._publish_state(job)
-                case PublishRun():
+                case to.PublishRun():
                     self._publish_run(job)
-                case Verify(results):
+                case to.Verify(results):
                     self._verify(job, results)
-                case Finish():
+                case to.AskNext(results, readings):
+                    self._next_block.ask(job.sequence, results.readings_hash, readings)
+                case to.Extended(text):
+                    self.get_logger().info(f'run {job.run_id}: {text}')
+                    self._publish_event(job.request, CalibrationEvent.EXTENDED, text, job)
+                case to.Finish():
                     self._finish(job, command)
+
+    def _ask(self, job: Job, target: Target) -> None:
+        if job.sequence.is_asked(target):  # it may be over, or held, after a wait
+            self._targets.publish(conversions.target_message(target))
 
     def _publish_state(self, job: Job) -> None:
         sequence = job.sequence
@@ -343,7 +347,7 @@ class Sequencer(ManagedNode):
     def _header(self) -> Header:
         return Header(stamp=self.now().to_msg())
 
-    def _verify(self, job: Job, results: Results) -> None:
+    def _verify(self, job: Job, results: to.Results) -> None:
         request = Recorded.Request(
             run_id=job.run_id, error_motions=conversions.time_message(results.stamp_ns), diagnosis=results.diagnosed,
             readings_hash=results.readings_hash, model_hash=results.model_hash)
@@ -351,7 +355,7 @@ class Sequencer(ManagedNode):
             job, job.sequence.verified(response.missing) if response.success else
             job.sequence.not_verified(response.message, self.seconds())))
 
-    def _finish(self, job: Job, command: Finish) -> None:
+    def _finish(self, job: Job, command: to.Finish) -> None:
         self._publish_event(job.request, END_EVENTS[command.phase], command.text, job)
         words = f'run {job.run_id}: {command.phase.name.lower()}: {command.text}'
         if command.phase is Phase.FAILED:
@@ -367,8 +371,8 @@ class Sequencer(ManagedNode):
             job.joint = response
             self._close(job)
 
-        self._joint.call(self._joint_client, EvaluateJointly.Request(run_ids=[*job.joint_with, job.run_id]),
-                         job.sequence.limits.evaluation_timeout, on_evaluated)
+        self._evaluator.call(self._joint_client, EvaluateJointly.Request(run_ids=[*job.joint_with, job.run_id]),
+                             job.sequence.limits.evaluation_timeout, on_evaluated)
 
     def _close(self, job: Job, end_is_recorded: bool = True) -> None:
         """Close the log of a job that is over; while it is being opened, wait for that."""

@@ -20,6 +20,7 @@ from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig, InvalidPlan, RosetteError
 from rosette_ros.io.log_run import SIMULATED_STATUS
 from rosette_ros.io.messages import MACHINE_FRAME, nanoseconds, target_of
+from rosette_ros.io.plan_file import LONGEST_WAIT
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import OK, WARN, Health, run_node
 from rosette_ros.nodes.cmm_node import CmmNode
@@ -38,9 +39,9 @@ WANTED = (
 class SimulatedCmm(CmmNode):
     """Measures as fast as the computer allows; its clock shows how long a real cell would take.
 
-    The simulated time starts at the wall time of the node's start and advances only by measuring, so that a run does
-    not depend on the speed of the computer. A change in the file of the machine applies from the next run on, as when
-    a person switches a correction off between two runs.
+    The simulated time starts at the wall time of the node's start and advances only by measuring, and by waiting where
+    a target has a later stamp, so that a run does not depend on the speed of the computer. A change in the file of the
+    machine applies from the next run on, as when a person switches a correction off between two runs.
 
     Topics: those of CmmNode and `/clock`. A plan for another plate is refused. Parameters: WANTED."""
 
@@ -53,6 +54,7 @@ class SimulatedCmm(CmmNode):
         self._struck = 0
         self._last_answer: BallCentre | None = None
         self._set_back = 0.0
+        self._newest = 0  # stamp that was published, ns
         self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
         self._publish_time()
         self.every(1.0 / self.parameters['clock_rate_hz'], self._publish_time)
@@ -71,6 +73,8 @@ class SimulatedCmm(CmmNode):
         try:
             if target.run_id != self._run_id:
                 self._begin_run(target)
+            wait = 1e-9 * (nanoseconds(target.header.stamp) - self._newest)  # a target may be for later than now
+            self._machine.stand(wait if wait <= LONGEST_WAIT else 0.0)
             struck = strikes(self._machine.config.faults, self._machine.config.seed, target.seq, target.attempt)
             self._struck += len(struck)
             reading = self._measure(target, struck)
@@ -96,6 +100,7 @@ class SimulatedCmm(CmmNode):
             if config != self._machine.config:
                 self._machine = Machine(config, self._machine.state)
         self._run_id = target.run_id
+        self._publish_time()
 
     def _measure(self, target: ProbeTarget, struck: Sequence[Strike]) -> BallReading[int, float]:
         machine = self._machine
@@ -131,7 +136,9 @@ class SimulatedCmm(CmmNode):
         return conversions.time_message(self._switched_on + round(1e9 * (time - self._set_back)))
 
     def _publish_time(self) -> None:
-        self._clock_out.publish(Clock(clock=self._stamp(self._machine.time)))
+        stamp = self._stamp(self._machine.time)
+        self._newest = max(self._newest, nanoseconds(stamp))
+        self._clock_out.publish(Clock(clock=stamp))
 
     def now(self) -> Time:
         """Return the simulated time: this node is the clock."""

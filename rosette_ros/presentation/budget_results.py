@@ -4,7 +4,7 @@
 from functools import partial
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.budget_lines import Contribution, root_mean
 from rosette_ros.core.budget_monte_carlo import MonteCarlo
@@ -32,12 +32,13 @@ AGREEMENT = {True: 'yes', False: 'no', None: 'too few trials'}
 
 def budget_tables(made: Budget, found: MonteCarlo | None = None) -> tuple[Table, ...]:
     """Return the tables of a budget: contributions, inputs and, where it was done, Monte Carlo."""
-    return contributions(made), stated_inputs(made), *([monte_carlo_table(made, found)] if found else [])
+    bounds = [bound_table(made)] if any(one.is_bound for one in made.contributions) else []
+    return contributions(made), *bounds, stated_inputs(made), *([monte_carlo_table(made, found)] if found else [])
 
 
 def contributions(made: Budget) -> Table:
     """Return what each influence contributes to each curve."""
-    lines, names = made.contributions, text.curve_names(made.fit.run.rotation)
+    lines, names = [one for one in made.contributions if not one.is_bound], text.curve_names(made.fit.run.rotation)
     u, worst = made.mean, made.combined().max(axis=0)
     is_even = bool(np.all(worst <= (1 + ALIKE) * u))
     rows = [one for place, one in enumerate(ROWS) if place != WORST or not is_even]
@@ -51,8 +52,18 @@ def contributions(made: Budget) -> Table:
             partial(text.at_least, places=digits), unit, footer=[*footer, shown_dof(float(made.effective_dof[place]))]))
     for place, curve in enumerate(CURVES):
         columns.append(column(f'sensitivity_{curve}_si', '', [float(one.sensitivity[place]) for one in lines]))
-    bounds = ' hidden: a bound, not an estimate.' if _has_bounds(made) else ''
-    return Table('budget', 'Uncertainty budget (GUM)', tuple(columns), note=f'{NOTE}{bounds}')
+    return Table('budget', 'Uncertainty budget (GUM)', tuple(columns), note=NOTE)
+
+
+def bound_table(made: Budget) -> Table:
+    """Return the bounds of effects that are not in the model, which are no part of the combined uncertainty."""
+    lines, names = [one for one in made.contributions if one.is_bound], text.curve_names(made.fit.run.rotation)
+    return Table('bounds', 'Bounds of effects that are not in the model, beside the combined u', (
+        words('effect', 'effect', [one.name for one in lines]), words('words', 'bound', [one.words for one in lines]),
+        *(column(f'u_{curve}_{unit.replace("µ", "u")}', name, [1e6 * float(one.mean[place]) for one in lines],
+                 text.significant, unit)
+          for place, (curve, unit, name) in enumerate(zip(CURVES, text.CURVE_UNITS, names, strict=True)))),
+        note='Standard uncertainties if the effect were as large as its bound; no estimates.')
 
 
 def hidden_table(made: Budget) -> Table | None:
@@ -80,9 +91,9 @@ def environment_words(environment: Environment | None) -> str:
     return f'{environment.name}: {", ".join(sizes)} in a run (standard deviations from run to run)'
 
 
-def beyond_words(made: Budget | None) -> str:
+def beyond_words(environment: Environment | None) -> str:
     """Return what of the effects that are not in the model U contains after all."""
-    return f' nor among those of the environment ({made.around.environment.name})' if made and made.around else ''
+    return f' nor among those of the environment ({environment.name})' if environment else ''
 
 
 def environment_json(made: Budget | None) -> Json:
@@ -90,14 +101,19 @@ def environment_json(made: Budget | None) -> Json:
     if made is None or made.around is None:
         return {'environment': None}
     around = made.around
-    return {'environment': {
-        'name': around.environment.name,
+    return {'environment': {**(stated_json(around.environment) or {}), 'hidden': [{
+        'effect': name, 'probability': around.there[name], 'share': by_curve(share),
+        'u': by_curve(root_mean(np.sqrt(around.parts[name])))} for name, share in around.shares.items()]}}
+
+
+def stated_json(environment: Environment | None) -> Json | None:
+    """Return what is stated of the environment, SI units, None where nothing is."""
+    return None if environment is None else {
+        'name': environment.name,
         'sizes': {kind: {'value': one.value, 'unit': 'rad' if KINDS[kind].unit == 'urad' else 'm', 'source': one.source}
-                  for kind, one in around.environment.sizes.items()},
+                  for kind, one in environment.sizes.items()},
         'effects': {name: {'value': one.value, 'unit': 'm', 'source': one.source}
-                    for name, one in around.environment.effects.items()},
-        'hidden': [{'effect': name, 'probability': around.there[name], 'share': by_curve(share),
-                    'u': by_curve(root_mean(np.sqrt(around.parts[name])))} for name, share in around.shares.items()]}}
+                    for name, one in environment.effects.items()}}
 
 
 def _digits(u: float) -> int:
@@ -150,11 +166,7 @@ def monte_carlo_table(made: Budget, found: MonteCarlo) -> Table:
         words('agrees', 'agrees', [AGREEMENT[one.agrees] for one in every])),
         levels=tuple({True: 'good', False: 'bad', None: 'doubtful'}[one.agrees] for one in every),
         note='Ends of the interval about the curve; tolerance of an end: half a unit of the leading digit of u '
-             f'(GUM S1, 7.9.2, 8.1).{" Bounds of hidden effects are left out on both sides." * _has_bounds(made)}')
-
-
-def _has_bounds(made: Budget) -> bool:
-    return any(one.is_bound for one in made.contributions)
+             '(GUM S1, 7.9.2, 8.1).')
 
 
 def agreement_words(found: MonteCarlo) -> str:
@@ -171,10 +183,10 @@ def agreement_words(found: MonteCarlo) -> str:
 
 
 def together_words(found: MonteCarlo) -> str:
-    """Return in a sentence how the six errors of a point scatter together (GUM S2)."""
+    """Return in a sentence how the six error motions of a point scatter together (GUM S2)."""
     correlation = np.triu(found.correlation, 1)
     _, first, second = np.unravel_index(np.abs(correlation).argmax(), correlation.shape)
-    normal = float(np.sqrt(special.chdtri(len(CURVES), 1 - PROBABILITY)))
+    normal = float(np.sqrt(scipy.special.chdtri(len(CURVES), 1 - PROBABILITY)))
     return (f'Together (GUM S2): largest correlation of two errors of a point {float(np.abs(correlation).max()):.2f} '
             f'({CURVES[first]} with {CURVES[second]}); the ellipsoid of {100 * PROBABILITY:.2f} % for all six '
             f'reaches {float(found.reach.mean()):.2f} standard deviations (normal: {normal:.2f}).')

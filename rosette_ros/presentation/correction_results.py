@@ -15,28 +15,28 @@ from rosette_ros.presentation.table_format import Field, Table, fields_json, fie
 
 
 def correction_table(correction: Correction) -> Table:
-    """Return what a correction takes off: peak to valley and U of each error."""
+    """Return what a correction takes off: range and U of each error."""
     lines = error_lines(correction.forward)
     values = [1e6 * line.range for line in lines]
     u = [COVERAGE_FACTOR * 1e6 * line.u_point for line in lines]
     places = [text.decimals(one) for one in u]
     return Table('correction', 'What is corrected', (
-        words('error', 'error', CURVES), words('unit', 'unit', text.CURVE_UNITS),
+        words('error', 'error motion', CURVES), words('unit', 'unit', text.CURVE_UNITS),
         words('range', 'range', map(text.fixed, values, places)), words('U', 'U', map(text.fixed, u, places)),
         words('what', 'correction', [
             'not corrected' if curve not in correction.corrected else
             'corrected, although it may be noise' if value < 2 * one else 'corrected'
             for curve, value, one in zip(CURVES, values, u)])),
-        note=f'Range: peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve.')
+        note=f'Range: largest value less smallest; U: expanded uncertainty (k = {COVERAGE_FACTOR}) of a single value.')
 
 
 def check_table(check: CorrectionCheck) -> Table:
     """Return the errors before and after a correction."""
     return fields_table(
-        'correction', 'The errors before and after the correction', CHECKED_ERROR, check.errors,
+        'correction', 'Error motions before and after the correction', CHECKED_ERROR, check.errors,
         [one.level for one in check.errors],
-        f'Peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve after, with that of the correction: '
-        'noise spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
+        f'Ranges; U: expanded uncertainty (k = {COVERAGE_FACTOR}) of a single value after, that of the correction '
+        'included: noise spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
 
 
 def _sized(key: str, name: str, get: str = '') -> Field:
@@ -47,10 +47,10 @@ def _sized(key: str, name: str, get: str = '') -> Field:
 
 
 CHECKED_ERROR = (
-    Field('curve', 'error', number=False),
+    Field('curve', 'error motion', number=False),
     Field('unit', 'unit', lambda one: SI_UNITS[one.curve], lambda unit: f'µ{unit}', number=False),
     _sized('before', 'before'), _sized('expected', 'expected', 'promised'), _sized('after', 'after'),
-    _sized('U', 'U of a point', 'expanded'),
+    _sized('U', 'U of a single value', 'expanded'),
     Field('taken_off', 'corrected by', 'gain', lambda gain: text.percent(gain) if np.isfinite(gain) else '',
           number=False),
     Field('u_taken_off', '', 'u_gain'), Field('p'), Field('result', 'result', number=False),

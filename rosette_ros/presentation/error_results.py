@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The six errors in a line each, for people and programs: the summary after ISO 230-7."""
+"""The six error motions in a line each, for people and programs: the summary after ISO 230-7."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,11 +17,13 @@ from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, column, words
 
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
-WHAT_IS_WHAT = (f'Range: peak to valley; U: k = {COVERAGE_FACTOR}, of each angle the largest; residual synchronous: '
-                'without the once-per-turn part.')
+TITLE = 'Error motions of the {} (ISO 230-7): synchronous error motion values'
+SAID: dict[Conformity | None, str] = {Conformity.UNDECIDED: 'neither proven'}
+WHAT_IS_WHAT = (f'Range: largest value less smallest; U: k = {COVERAGE_FACTOR}, of each point the largest; residual '
+                'synchronous error motion: without the fundamental one, once per revolution.')
 
 
-def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table (ISO 230-7)',
+def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table'),
            name: str = 'errors', found: Sequence[AxisError] = ()) -> Table:
     """Return the table of AxisErrors: what is not stated of any of them has no column.
 
@@ -37,7 +39,7 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
                       tuple(f'{sign}{shown(value, line)}' for value, line in zip(values, of, strict=True)))
 
     def of_range(key: str, head: str, of: Sequence[AxisError]) -> tuple[Column, ...]:
-        angle = micro(f'U_{key}point_in_unit', 'U of each angle', [COVERAGE_FACTOR * line.u_point for line in of], '±',
+        angle = micro(f'U_{key}point_in_unit', 'U of each point', [COVERAGE_FACTOR * line.u_point for line in of], '±',
                       of)
         return (micro(f'{key}range_in_unit', head, [line.range for line in of], '', of),
                 micro(f'U_{key}range_in_unit', 'U of the range', [line.expanded for line in of], '±', of),
@@ -49,23 +51,24 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
     width = (' Asynchronous error motion value: the largest width of the curves of the runs at an angle, their noise '
              'included.' if several else '')
     return Table(name, title, (
-        words('error', 'error', [f'{line.curve} ({line.name}) / {unit}'.replace('-', '−')
+        words('error', 'error motion', [f'{line.curve} ({line.name}) / {unit}'.replace('-', '−')
                                  for line, unit in zip(lines, units, strict=True)]),
         column('unit', '', units),
         *of_range('', f'range, {NOW}' if found else 'range', lines),
         *(of_range('found_', f'range, {FOUND}', found) if found else ()),
-        micro('once_per_turn_in_unit', 'once per turn', [line.once_per_turn for line in lines]),
-        micro('residual_in_unit', 'residual synchronous', [line.residual for line in lines]),
-        *((micro('asynchronous_in_unit', 'asynchronous', [line.asynchronous for line in lines]),
+        micro('once_per_turn_in_unit', 'fundamental error motion', [line.once_per_turn for line in lines]),
+        micro('residual_in_unit', 'residual synchronous error motion', [line.residual for line in lines]),
+        *((micro('asynchronous_in_unit', 'asynchronous error motion', [line.asynchronous for line in lines]),
            micro('U_asynchronous_in_unit', 'U of the width', [_expanded(line) for line in lines], '±')
            ) if several else ()),
         *((Column('tolerance_in_unit', 'tolerance', tuple(
             None if line.tolerance is None else 1e6 * line.tolerance for line in lines), tuple(
                 '' if line.tolerance is None else _limit(line.tolerance, unit) for line, unit in zip(lines, units))),
-           words('conformity', 'ISO 14253-1', [line.conformity or '' for line in lines])) if limited else ())),
+           words('conformity', 'ISO 14253-1', [
+               SAID.get(line.conformity, line.conformity or '') for line in lines])) if limited else ())),
         levels=tuple(LEVELS[line.conformity] for line in lines),
         note=f'{WHAT_IS_WHAT}{_factors((*lines, *found))}{width}' + f' Decision rule: {DECISION_RULE}.' * limited
-        + ''.join(f' Not decided: {doubt}.' for doubt in doubts))
+        + ''.join(f' Neither conformity nor non-conformity is stated: {doubt}.' for doubt in doubts))
 
 
 def _factors(lines: Sequence[AxisError]) -> str:
@@ -105,7 +108,7 @@ def change_errors(change: Change) -> Table:
         ('reduced χ²', '', [fit.reduced_chi_square for fit in fits], chi_square_text),
         (text.CROSS_VALIDATION, 'µm', [1e6 * one for one in errors], partial(text.fixed, places=3)),
         ('degrees of freedom', '', [fit.dof for fit in fits], str)]
-    return Table('change', 'Error before and after', (
+    return Table('change', 'Residual before and after', (
         words('quantity', 'quantity', [name for name, *_ in rows]), words('unit', 'unit', [row[1] for row in rows]),
         *(Column(key, key, tuple(values[side] for _, _, values, _ in rows),
                  tuple(show(values[side]) for _, _, values, show in rows))

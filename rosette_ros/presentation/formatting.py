@@ -40,16 +40,28 @@ if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.model import Model
 
 CURVE_UNITS = tuple(f'µ{unit}' for unit in SI_UNITS.values())
-P_NOISE, CROSS_VALIDATION, VISIBLE, LIMIT = (
-    'probability that it is noise', 'cross-validation error', 'visible part', 'detection limit')
+P_VALUE, CROSS_VALIDATION, SENSITIVITY, LIMIT = (
+    'p-value', 'cross-validation residual', 'sensitivity', 'detection limit')
 """Terms that every interface uses in the same words."""
-NOW, FOUND = 'as modelled now', 'with the cause found'
+NOW, FOUND = 'as modelled now', 'all explanations averaged'
 """The two models of a run whose verdict says that a cause is missing."""
 _GLUED = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ|→))|(?<=[±→=]) (?=[\d−])|(?<=[kR]) (?==)|'
                     r'(?<=\)) (?=/)|(?<=/) (?=µ)')
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MOST_MISSING = 5
+SEQUENCES = {
+    'row': 'balls within table position', 'diagonal': 'table positions within CMM position',
+    'column': 'table positions within ball', 'random': 'randomised', 'sensitive': 'interleaved sweeps of the table',
+    'there_and_back': 'table positions within CMM position, then backwards',
+    'row_there_and_back': 'balls within table position, then backwards', 'as measured': 'of its own'}
+"""What an order is, as a document says it."""
+
+
+def sequence_words(order: str) -> str:
+    """Return an order, with what follows its name, as a document says it: 'balls within table position (row)'."""
+    name, comma, rest = order.partition(',')
+    return f'{SEQUENCES[name]} ({name}){comma}{rest}' if name in SEQUENCES else order
 
 
 def iso_name(curve: str, rotation: Floats | None) -> str:
@@ -116,7 +128,7 @@ def millimetres(metres: float) -> str:
 
 
 def before_after(before: float, after: float) -> str:
-    """Return how an error changes: '0.541 → 0.103' (µm)."""
+    """Return how a residual changes: '0.541 → 0.103' (µm)."""
     return f'{micro(before)} → {micro(after)}' if math.isfinite(before) or math.isfinite(after) else UNKNOWN
 
 
@@ -136,6 +148,11 @@ def duration(seconds: float) -> str:
         return f'{seconds:.3g} s'
     minutes = round(seconds / 60)
     return f'{minutes} min' if minutes < 90 else f'{minutes // 60} h {minutes % 60} min'
+
+
+def seconds_of(run: Run) -> float:
+    """Return the time from the first reading of a run to the last, s; 0 where its times only count readings."""
+    return float(np.ptp(run.time)) if run.time_unit == 's' else 0.0
 
 
 def run_duration(seconds: float) -> str:
@@ -242,7 +259,8 @@ def angle_words(run: Run) -> str:
 
 def pauses(run: Run) -> str:
     """Return the pauses of a run: 'before reading 74 (2 h 10 min)'; '' where there is none."""
-    return ', '.join(f'before reading {first + 1} ({duration(run.time[first] - run.time[first - 1])})'
+    return ', '.join(f'before reading {first + 1}'
+                     + f' ({duration(run.time[first] - run.time[first - 1])})' * (run.time_unit == 's')
                      for first in run.pauses)
 
 

@@ -3,7 +3,7 @@
 
 from collections.abc import Sequence
 
-from rosette_ros.io.identity_file import DEVICES, Identity, words_of_entry
+from rosette_ros.io.identity_file import DEVICES, SECTIONS, Identity, words_of_entry
 
 NOT_STATED = 'not stated'
 SIMULATED = 'SIMULATED: the readings are those of a simulated CMM; no real table was measured.'
@@ -18,13 +18,20 @@ def identity_rows(identity: Identity, contradictions: Sequence[str] = ()) -> lis
     rows = [('Certificate', identity['certificate.number']), ('Laboratory', contact(identity, 'laboratory')),
             ('Accreditation', identity['laboratory.accreditation']), ('Customer', contact(identity, 'customer')),
             ('Order number', identity['customer.order']), ('Place', identity['place.name']),
+            *conditions(identity), ('Traceability', identity['traceability.name']),
             ('Operator', identity['operator.name']), ('Signer', signer(identity)),
             *((f'{words[0].upper()}{words[1:]}', device(identity, name)) for name, words in DEVICES.items()),
             ('Remarks', identity['certificate.remarks']),
             ('Tolerances', ', '.join(f'{name} {words}' for name, words in identity.tolerances.items())),
             ('Contradiction', '; '.join(contradictions)),
-            ('Not stated', ', '.join(map(words_of_entry, identity.missing)))]
+            ('Missing mandatory data (ISO/IEC 17025, 7.8.2)', ', '.join(map(words_of_entry, identity.missing)))]
     return [row for row in rows if row[1]]
+
+
+def conditions(identity: Identity) -> list[tuple[str, str]]:
+    """Return the conditions of measurement that no reading tells, as (name, text), '' for one that is not stated."""
+    return [(f'{words[0].upper()}{words[1:]}', identity[f'conditions.{name}'])
+            for name, words in SECTIONS['conditions'].items()]
 
 
 def simulated_words(simulated: Sequence[str], count: int) -> str:

@@ -15,7 +15,8 @@ from rosette_ros.core.joint.sharing import ITEMS, PARTS
 from rosette_ros.core.number_words import p_words
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.error_results import errors, errors_json
+from rosette_ros.presentation.budget_results import environment_words, stated_json
+from rosette_ros.presentation.error_results import TITLE, errors, errors_json
 from rosette_ros.presentation.json_output import Json, by_curve, motions_json, plain
 from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
@@ -49,7 +50,7 @@ def sharing_table(result: JointResult) -> Table:
         column('f', 'F', [np.nan if test.p is None else test.f for test in tests], lambda value: text.fixed(value, 2)),
         column('dof', 'degrees of freedom', [test.dof for test in tests],
                lambda dof: str(dof) if dof else text.UNKNOWN),
-        column('p', text.P_NOISE, [np.nan if test.p is None else test.p for test in tests], text.p_value),
+        column('p', text.P_VALUE, [np.nan if test.p is None else test.p for test in tests], text.p_value),
         words('result', 'result', [test_result(test) for test in tests])),
         levels=tuple('bad' if test.is_contradicted and test.item != 'sense' else '' for test in tests))
 
@@ -65,9 +66,9 @@ def joint_curves(result: JointResult) -> list[Table]:
 
 
 def joint_errors(result: JointResult, tolerances: Mapping[str, float] | None = None) -> list[Table]:
-    """Return the six errors in a line each, of each table and sense; tolerances: of ranges by curve, m and rad."""
+    """Return error motions in a line each, of each table and sense; tolerances: of ranges by curve, m and rad."""
     every = joint_lines(result, tolerances, doubt_of(conclude(result)))
-    return [errors(lines, f'The six errors of the {one.words} (ISO 230-7)', f'errors{place}' if place else 'errors')
+    return [errors(lines, TITLE.format(one.words), f'errors{place}' if place else 'errors')
             for place, (one, _, lines) in enumerate(every)]
 
 
@@ -79,14 +80,15 @@ def reversal_means(result: JointResult) -> list[Table]:
         column('u_si', '', np.where(one.is_known, one.u_mean, np.nan)),
         words('mean', 'mean', [mean for mean, _ in _means(one)]),
         words('U', f'U (k = {text.COVERAGE_FACTOR})', [spread for _, spread in _means(one)])),
-        note=REVERSAL_SIGN + ('' if one.p is None else f' {text.P_NOISE} of the whole reversal: {text.p_value(one.p)}'))
+        note=REVERSAL_SIGN + ('' if one.p is None else f' {text.P_VALUE} of the whole reversal: {text.p_value(one.p)}'))
         for place, one in enumerate(result.reversals, 1)]
 
 
 def joint_deviations(result: JointResult) -> list[Table]:
-    """Return the deviations of the plates' balls and of the CMM's places, with U."""
+    """Return the ball centre deviations and the CMM measurement errors, with U."""
     out, model = [], result.solution.model
-    for part, title in (('plate', 'Deviations of the balls'), ('cmm', 'Deviations of the CMM at its places')):
+    for part, title in (('plate', 'Ball centre deviations'),
+                        ('cmm', 'CMM measurement errors at the probing positions')):
         names, values, u = result.deviations(part)
         at = (column('ball', 'ball', model.places['plate'][:, 1] + 1, str) if part == 'plate' else column(
             'azimuth_deg', 'azimuth', np.rad2deg(model.cmm_azimuth), lambda value: text.exact(value, places=4), '°'))
@@ -144,13 +146,14 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
                       f'{solution.hidden.shape[1]} combinations cannot be measured, {solution.hidden_in_curves} '
                       'of them in the curves, from which they are removed'
-                      + ', with means and once-per-turn parts that are known only together' * bool(
+                      + ', with means and fundamental error motions that are known only together' * bool(
                           solution.known_together)),
             ('Residual', f'{text.micrometres(result.rms)} rms per coordinate{fit}'),
             ('Uncertainty', f'from {text.micrometres(result.sigma)} per coordinate of a ball centre, estimated from '
                             f'{result.sigma_source}'),
+            ('Environment', environment_words(result.environment)),
             ('Known', f'beyond what one run knows: {"; ".join(known)}'),
-            ('Not known', '; '.join(result.knowledge.hidden) or 'nothing')]
+            ('Not determined', '; '.join(result.knowledge.hidden) or 'nothing')]
 
 
 def joint_head(run: Readings) -> str:
@@ -176,7 +179,8 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
                    'f': None if test.p is None else test.f, 'used': test.is_used, 'contradicted': test.is_contradicted,
                    'text': test_result(test)} for test in result.tests],
         'unknowns': model.unknowns, 'rank': solution.rank, 'hidden': solution.hidden.shape[1],
-        'hidden_in_curves': solution.hidden_in_curves, 'known': result.knowledge.known,
+        'hidden_in_curves': solution.hidden_in_curves, 'environment': stated_json(result.environment),
+        'known': result.knowledge.known,
         'not_known': result.knowledge.hidden,
         'curves': [{'table': one.name, 'sense': one.sense, **motions_json(motions), 'iso_230_7': errors_json(lines)}
                    for one, motions, lines in every],

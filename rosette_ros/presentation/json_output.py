@@ -154,6 +154,7 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
     return plain({
         'schema': DIAGNOSIS, 'run_id': diagnosis.fit.run.run_id, 'model': diagnosis.model.names,
         'fit': fit_json(diagnosis.fit), **motions_json(diagnosis.fit.error_motions),
+        'iso_230_7': errors_json(fit_lines(diagnosis.fit, doubt=doubt_of(verdict))),
         **found_json(diagnosis.with_cause), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
         'levels': levels_json(diagnosis.causes),
         'explanations': [{'members': one.members, 'noise': one.noise, 'probability': one.probability}

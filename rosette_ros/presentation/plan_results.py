@@ -6,19 +6,23 @@ from typing import Any
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.posterior import HEARD
 from rosette_ros.core.planning.expectation import Expectation
+from rosette_ros.core.planning.next_readings import NextReadings
 from rosette_ros.core.planning.plan_comparison import Outlook, better
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.records import CURVES, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.csv_parser import COLUMNS
-from rosette_ros.io.csv_parser import SCHEMA as TABLE_SCHEMA
 from rosette_ros.io.plan_file import SCHEMA
+from rosette_ros.io.table_heading import SCHEMA as TABLE_SCHEMA
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.budget_results import stated_json
 from rosette_ros.presentation.json_output import Json, by_curve, plain, visibility_json
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import visibility
+from rosette_ros.words.settling_words import next_words
 
-COMPARISON = 'rosette-plans/1'
+COMPARISON, NEXT_READINGS = 'rosette-plans/1', 'rosette-next-readings/1'
 ANGLE_PLACES = 9
 """Decimals of an angle that is no whole number of degrees: 1e-9 deg is 3 pm at 182.5 mm."""
 HEADER = 'seq,cmm_position,table_position,ball,x_mm,y_mm,z_mm,table_angle_deg'
@@ -73,7 +77,7 @@ def sequence_map(scheme: Scheme) -> Table:
 def uncertainties(plan: Outlook) -> Table:
     """Return the table of the uncertainties that a plan is expected to give the curves."""
     u = 1e6 * text.COVERAGE_FACTOR * mean_u(plan)
-    title = f'Expected expanded uncertainty (k = 2) where σ is {1e6 * plan.sigma:g} µm from 20 touches'
+    title = f'Expected expanded uncertainty (k = 2) where σ is {1e6 * plan.sigma:g} µm from 20 touches{_within(plan)}'
     return Table('expected', title, (
         column('curve', 'curve', CURVES, str), column('U', 'U', u, lambda value: f'{value:.3g}'),
         column('unit', '', ['µm'] * 3 + ['µrad'] * 3, str)))
@@ -81,7 +85,12 @@ def uncertainties(plan: Outlook) -> Table:
 
 def mean_u(plan: Outlook) -> Any:
     """Return the expected standard uncertainties of the six curves, rms over the positions, (6,), m and rad."""
-    return plan.sigma * np.sqrt(np.mean(plan.expectation.u**2, axis=0))
+    return np.sqrt(np.mean(plan.u**2, axis=0))
+
+
+def _within(plan: Outlook) -> str:
+    """Return of which environment U contains what the order hides, where one is stated."""
+    return f', in the environment {plan.environment.name}' if plan.environment else ''
 
 
 def effects(plan: Outlook) -> Table | None:
@@ -94,14 +103,15 @@ def comparison(plans: Sequence[Outlook]) -> Table:
     """Return what several plans determine, a row for each."""
     every, places = [one.expectation for one in plans], [np.unique(one.scheme.cmm_position).size for one in plans]
     known = all(one.effects for one in plans)
-    return Table('plans', f'What the plans determine; U: expanded (k = 2), σ = {1e6 * plans[0].sigma:g} µm', (
+    title = f'What the plans determine; U: expanded (k = 2), σ = {1e6 * plans[0].sigma:g} µm{_within(plans[0])}'
+    return Table('plans', title, (
         words('plan', 'plan', [one.name for one in plans]),
         column('readings', 'readings', [one.scheme.ball.size for one in plans], str),
         column('cmm_positions', 'CMM positions', places, str),
         words('touches', 'touches', [_touches(one.scheme) for one in plans]),
         column('duration_h', 'time', [one.duration / 3600 for one in every], lambda hours: f'{hours:.2f}', 'h'),
         column('rank', 'rank', [one.rank for one in every], str),
-        column('relative_uncertainty', 'relative u', [one.penalty for one in every], lambda value: f'{value:.2f}'),
+        column('relative_uncertainty', 'relative u', [one.penalty for one in plans], lambda value: f'{value:.2f}'),
         column('ideal_relative_uncertainty', '', [one.ideal for one in every]),
         *(column(f'U_{curve}_{unit}', f'U {curve}', [2e6 * mean_u(one)[place] for one in plans],
                  None if curve in ('cty', 'cry') else lambda value: f'{value:.2g}', {'um': 'µm', 'urad': 'µrad'}[unit])
@@ -115,10 +125,10 @@ def _touches(scheme: Scheme) -> str:
 
 
 def shares(plans: Sequence[Outlook]) -> Table | None:
-    """Return the visible part of each effect in several plans, None where that is not known."""
+    """Return the sensitivity of several plans to each effect, None where that is not known."""
     if not all(one.effects for one in plans):
         return None
-    return Table('shares', 'Visible part of each effect, typical', (
+    return Table('shares', 'Sensitivity to each effect (share not absorbed), typical', (
         words('effect', 'effect', [one.name for one in plans[0].effects]),
         *(column(f'plan_{place}', plan.name, [None if one.reason else one.typical_share for one in plan.effects],
                  lambda share: text.UNKNOWN if share is None else text.percent(share))
@@ -139,11 +149,29 @@ def plan_json(plan: Outlook) -> Json:
         'expected': expected_json(plan)})
 
 
+def next_json(found: NextReadings, run: Run) -> Json:
+    """Return the next readings of a run as plain lists and dicts, SI, schema rosette-next-readings/1."""
+    block, pair = found.targets, found.separates
+    return plain({
+        'schema': NEXT_READINGS, 'run_id': run.run_id, 'n': run.n, 'radius_m': run.radius,
+        'readings_so_far': run.size, 'text': ' '.join(next_words(found)), 'is_settled': found.is_settled,
+        'is_hopeless': found.is_hopeless, 'gain_nat': found.gain, 'duration_s': found.duration,
+        'uncertainty_m': found.uncertainty, 'expected_uncertainty_m': found.expected_uncertainty,
+        'explanations': [{'members': one.names, 'probability': one.probability}
+                         for one in found.contenders if one.probability > HEARD],
+        'separates': pair and {'members': [pair.first.names, pair.second.names], 'share': pair.now,
+                               'expected_share': pair.expected},
+        'readings': block and {name: getattr(block, name) for name in (
+            'table_position', 'ball', 'cmm_position', 'approach')} | {
+            'wait_s': block.wait, 'table_angle_rad': block.table_angle, 'centre_m': block.centres(run.radius)}})
+
+
 def expected_json(plan: Outlook) -> Json:
     """Return what a plan determines and shows, SI; u: standard uncertainties at each table position."""
     expected: Expectation = plan.expectation
     return {'sigma_m': plan.sigma, 'rank': expected.rank, 'rank_of_a_complete_run': expected.full_rank,
-            'u': by_curve((plan.sigma * expected.u).T), 'relative_uncertainty': expected.penalty,
+            'u': by_curve(plan.u.T), 'relative_uncertainty': plan.penalty,
+            'environment': stated_json(plan.environment),
             'ideal_relative_uncertainty': expected.ideal, 'duration_s': expected.duration,
             'unobservable': expected.unobservable,
             'effects': {one.name: visibility_json(one) for one in plan.effects}}

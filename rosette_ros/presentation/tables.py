@@ -17,9 +17,10 @@ from rosette_ros.core.diagnosis.second_run import CONFIRMED, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.run_functions import around
 from rosette_ros.core.error_summary import fit_lines, peak_to_valley
 from rosette_ros.core.errors import counted
-from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
+from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
@@ -43,6 +44,8 @@ from rosette_ros.words.verdict_words import title_of
 
 FILE_UNITS = tuple(unit.replace('µ', 'u') for unit in text.CURVE_UNITS)
 EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
+ABSORBED = ('Sensitivity: share of an effect that is not absorbed by table, plate and CMM deviations, but shows in the '
+            'residual.')
 WORST, WAVES = 6, 4
 NEGLIGIBLE = 0.05
 """Bias of the curves, µm or µrad per µm rms of an effect, below which plate and CMM deviations absorb it."""
@@ -68,7 +71,7 @@ def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -
             axes(comparison), places(comparison), worst_readings(comparison), waves(comparison),
             residuals(fit, summary.final), causes(summary.verdict),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates, summary.run),
-            fitted_effects(summary.final.effects, f'Effects {text.FOUND if found else "in the model"}'),
+            fitted_effects(summary.final, f'Effects {text.FOUND if found else "in the model"}'),
             visibility(summary.visibilities, best.visibilities if best else ()),
             bias(summary.visibilities, summary.run.rotation), *([orders(summary.advice)] if summary.advice else []))
 
@@ -81,7 +84,7 @@ def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Tabl
     columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
                column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
                       partial(text.exact, places=4), '°',
-                      footer=(*[f'U of each angle (k = {text.COVERAGE_FACTOR})'] * alike, 'peak to valley'))]
+                      footer=(*[f'U (k = {text.COVERAGE_FACTOR}) of each point'] * alike, 'range'))]
     names = text.curve_names(motions.rotation)
     for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
         digits = text.decimals(float(np.median(expanded[:, place])))
@@ -110,11 +113,11 @@ def _with_u(values: Floats, expanded: Floats, digits: int, alike: bool) -> tuple
 
 
 def deviations(fit: Fit) -> Table:
-    """Return the deviations of the plate's balls and of the CMM's positions, with U as `curves` has it."""
+    """Return ball centre deviations and CMM measurement errors, with U as `curves` has it."""
     parts = (('plate', 'plate', fit.plate, fit.deviation_u[0]), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
     alike = _alike(np.hstack([u for *_, u in parts]))
     columns = [column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str,
-                      footer=(f'U (k = {text.COVERAGE_FACTOR})',) * alike)]
+                      footer=(f'U (k = {text.COVERAGE_FACTOR}) of each point',) * alike)]
     for key, name, values, u in parts:
         for place, axis in enumerate(AXES):
             expanded = 1e6 * text.COVERAGE_FACTOR * u[:, place]
@@ -124,11 +127,13 @@ def deviations(fit: Fit) -> Table:
                                   footer=(f'±{text.fixed(float(np.nanmax(expanded)), digits)}',) * alike))
     columns += [column(f'u_{key}_{axis}_um', '', 1e6 * u[:, place])
                 for key, _, _, u in parts for place, axis in enumerate(AXES)]
-    return Table('deviations', f'Deviations of the ball plate and of the CMM; {EXPANDED}', tuple(columns))
+    return Table('deviations', 'Ball centre deviations, incl. clamping eccentricity and tilt, and CMM measurement '
+                 f'errors at the probing positions; {EXPANDED}', tuple(columns))
 
 
-def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str) -> Table:
-    """Return the parameters of (name, setting, parameters) of fitted effects."""
+def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str,
+            time: str) -> Table:
+    """Return the parameters of (name, setting, parameters) of fitted effects; time: Run.time_unit."""
     rows = [(name, setting, one, [other.name for other in parameters])
             for name, setting, parameters in fitted for one in text.joined(parameters)]
     shown = [text.shown_parameter(one) for _, _, one, _ in rows]
@@ -141,16 +146,16 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         column('expanded_uncertainty', 'U', [one[1] for one in shown], str),
         words('unit', 'unit', [one[2] for one in shown]),
         words('setting', 'when and where',
-              [text.setting_words(name, setting, known) for name, setting, _, known in rows])),
+              [text.setting_words(name, setting, known, time=time) for name, setting, _, known in rows])),
         note=' '.join(
             [*['Not determined: cannot be told from other parameters of the model.'] * any(
                 not np.isfinite(one.u) for _, _, one, _ in rows),
              *[AMPLITUDE] * any(name.partition('(')[0] not in text.MEANINGS for name, _, _, _ in rows)]))
 
 
-def fitted_effects(every: Iterable[FittedEffect], title: str) -> Table:
+def fitted_effects(fit: Fit, title: str) -> Table:
     """Return the parameters of the effects of a model."""
-    return effects([(one.name, one.setting, one.parameters) for one in every], title)
+    return effects([(one.name, one.setting, one.parameters) for one in fit.effects], title, fit.run.time_unit)
 
 
 def noise_of(fit: Fit) -> tuple[float, str]:
@@ -176,13 +181,13 @@ def places(comparison: Comparison) -> Table:
     top = max(largest[:-1])
     p = [*(one.p for one in every), comparison.neighbour_p]
     return Table('worst_places', f'Residual by group; a full bar is {text.sigmas(top)}', (
-        words('by', 'grouped by', [*(one.label for one in every), 'consecutive readings']),
+        words('by', 'grouped by', [*(one.label for one in every), 'autocorrelation (lag 1)']),
         words('profile', 'first to last group', [
-            *(bars(size, top) for size in sizes), f'correlation {text.signed(comparison.neighbour_correlation, 2)}']),
+            *(bars(size, top) for size in sizes), text.signed(comparison.neighbour_correlation, 2)]),
         words('worst', 'largest at', [*(one.keys[one.worst] for one in every), '']),
         micrometre_column('rms_um', 'its rms', [size * sigma for size in largest]),
         column('rms_sigma', 'in σ', largest, lambda one: text.sigmas(one) if np.isfinite(one) else text.UNKNOWN),
-        column('p', text.P_NOISE, p, _p_of_draws)), levels=_marked(p))
+        column('p', text.P_VALUE, p, _p_of_draws)), levels=_marked(p))
 
 
 def _p_of_draws(p: float) -> str:
@@ -210,14 +215,15 @@ def worst_readings(comparison: Comparison) -> Table:
             ('ball', 'ball', 'ball'), ('cmm_position', 'CMM position', 'cmm_position'))),
         *(micrometre_column(f'{axis}_um', axis, [one.residual[place] for one in worst], sign=True)
           for place, axis in enumerate(AXES)),
-        column('size_sigma', 'in rms', [one.size for one in worst], partial(text.fixed, places=1)),
+        column('size_sigma', 'residual / rms', [one.size for one in worst], partial(text.fixed, places=1)),
         column('weight', 'weight', [one.weight for one in worst], partial(text.fixed, places=2)),
         *(column(f'without_{key}', name, [
             np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
                 text.fixed, places=2), unit) for key, name, unit, part in (
-            ('ct_um', 'change of ct if left out', 'µm', slice(0, 3)),
-            ('cr_urad', 'change of cr if left out', 'µrad', slice(3, 6)))),
-        column('p', text.P_NOISE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst))
+            ('ct_um', 'largest change of ctx, cty, ctz when the reading is omitted', 'µm', slice(0, 3)),
+            ('cr_urad', 'of crx, cry, crz', 'µrad', slice(3, 6)))),
+        column('p', 'p (outlier test, Bonferroni)', [one.p for one in worst], _p_of_draws)),
+        levels=_marked(one.p for one in worst))
 
 
 def reading(fit: Fit, place: int) -> Table:
@@ -230,10 +236,10 @@ def reading(fit: Fit, place: int) -> Table:
             ('ball', 'ball', run.ball[place]), ('cmm_position', 'CMM position', run.cmm_position[place]))),
         column('table_angle_deg', 'table angle', [float(np.rad2deg(run.table_angle[place] + run.table_offset))],
                partial(text.fixed, places=2), '°'),
-        column('time_min', 'time', [minutes], partial(text.fixed, places=1), 'min'),
+        *[column('time_min', 'time', [minutes], partial(text.fixed, places=1), 'min')] * (run.time_unit == 's'),
         column('temperature_C', 'temperature', [temperature], partial(text.fixed, places=2), '°C'),
         *(micrometre_column(f'{axis}_um', axis, [size], sign=True) for axis, size in zip(AXES, residual)),
-        column('size_sigma', 'in rms', [float(np.sqrt(np.mean(residual**2))) / noise_of(fit)[0]],
+        column('size_sigma', 'residual / rms', [float(np.sqrt(np.mean(residual**2))) / noise_of(fit)[0]],
                partial(text.fixed, places=1))))
 
 
@@ -270,14 +276,15 @@ def groups(comparison: Comparison) -> Table:
 
 
 def nested_models(steps: Sequence[LadderStep]) -> Table:
-    """Return models, each with one effect more, and the error of each in the fit and in cross-validation."""
+    """Return models, each with one effect more, and the residual of each in the fit and in cross-validation."""
     fits, errors = [step.fit for step in steps], [step.cross_validation for step in steps]
     change = [None, *(after / before - 1 for before, after in pairwise(errors))][:len(steps)]
-    return Table('ladder', 'Nested models: the error after each effect that is added', (
+    return Table('ladder', 'Nested models: the residual after each effect that is added', (
         words('model', 'model', nested_names(steps)),
         micrometre_column('rms_um', 'residual', [fit.rms for fit in fits]),
         column('reduced_chi_square', 'reduced χ²', [fit.reduced_chi_square for fit in fits], chi_square_text),
-        column('rank', 'parameters', [fit.rank for fit in fits], str),
+        column('rank', '', [fit.rank for fit in fits]),
+        column('parameters', 'parameters', [3 * fit.run.size - fit.dof for fit in fits], str),
         column('dof', 'degrees of freedom', [fit.dof for fit in fits], str),
         micrometre_column('held_out_rms_um', text.CROSS_VALIDATION, errors),
         column('held_out_change', 'change', change,
@@ -303,7 +310,7 @@ def candidates(every: Sequence[Candidate], run: Run, title: str = 'Candidates, m
 
 
 def _errors_of(without: str, present: str) -> tuple[Field, ...]:
-    """Return residual and cross-validation error without and with an effect; people see both in one column."""
+    """Return residual and cross-validation residual without and with an effect; people see both in one column."""
     return tuple(field for key, size, name in (('rms', 'rms', 'residual'), (
         'held_out_rms', 'cross_validation', text.CROSS_VALIDATION)) for field in (
             Field(f'{key}_before_m', '', f'{size}_{without}', unit='µm'),
@@ -317,9 +324,9 @@ def _before_after(both: Callable[[Any], tuple[float, float]], record: Any) -> st
 
 CANDIDATE = (
     Field('effect', 'effect', number=False), Field('claimed', 'identified', number=False),
-    Field('probability', 'probability', show=text.percent), Field('p', text.P_NOISE, show=text.p_value),
+    Field('probability', 'probability', show=text.percent), Field('p', text.P_VALUE, show=text.p_value),
     Field('parameters', get=lambda one: parameters_json(one.parameters), files='json'),
-    Field('visible_fraction', text.VISIBLE, show=text.percent), *_errors_of('before', 'after'),
+    Field('visible_fraction', text.SENSITIVITY, show=text.percent), *_errors_of('before', 'after'),
     Field('delta_bic', 'ΔBIC', show=partial(text.fixed, places=0)),
     Field('look_alikes', 'cannot be told from', number=False,
           text=lambda one: ', '.join(map(title_of, one.look_alikes))), Field('setting', files='json'))
@@ -332,8 +339,10 @@ def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[st
     run: in which it was found, where that places moments only between readings."""
     shown = [(one.name, *text.shown_parameter(one)) for one in text.joined(parameters)]
     parts = ', '.join(f'{name} {value} {spread} {unit}'.strip() for name, value, spread, unit in shown)
-    moments = text.MEANINGS[effect].moments(run, Setting(setting)) if run and effect in text.MEANINGS else {}
-    searched = text.setting_words(effect, setting, [one.name for one in parameters], moments)
+    times = text.MEANINGS[effect].moments(run, Setting(setting)) if run and effect in text.MEANINGS else {}
+    moments = {name: around(some, float(setting[name])) for name, some in times.items()}
+    searched = text.setting_words(effect, setting, [one.name for one in parameters], moments,
+                                  run.time_unit if run else 's')
     return '; '.join(filter(None, (parts, searched)))
 
 
@@ -349,7 +358,7 @@ def cross_check(check: CrossCheck) -> Table:
 
 CHECKED = (
     Field('effect', 'effect', 'name', number=False), Field('outcome', 'outcome', number=False),
-    Field('visible_fraction', text.VISIBLE, show=text.percent), Field('p', text.P_NOISE, show=text.p_value),
+    Field('visible_fraction', text.SENSITIVITY, show=text.percent), Field('p', text.P_VALUE, show=text.p_value),
     *_errors_of('without', 'with'),
     Field('same_size', 'same size', text=lambda one: {True: 'yes', False: 'no', None: ''}[one.same_size], number=False),
     *(Field(name, files='json') for name in ('reason', 'carries', 'setting')),
@@ -358,16 +367,16 @@ CHECKED = (
 
 
 def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = ()) -> Table:
-    """Return the visible part of every effect in an order, beside that in the recommended one."""
+    """Return the sensitivity of an order to every effect, beside that of the recommended one."""
     best = {one.name: one for one in recommended}
     beside = [best.get(one.name) for one in every]
-    return Table('visibility', 'What the order of measurement shows of every effect', (
+    return Table('visibility', 'Sensitivity of the order of measurement to every effect', (
         words('effect', 'effect', [one.name for one in every]),
         words('title', 'effect', [title_of(one.name) for one in every]),
         words('meaning', 'meaning', [text.MEANINGS[one.name].meaning for one in every]),
-        column('typical_visible_fraction', f'{text.VISIBLE}, typical', [one.typical_share for one in every],
+        column('typical_visible_fraction', f'{text.SENSITIVITY}, typical', [one.typical_share for one in every],
                text.percent),
-        column('visible_fraction', 'at best', [one.share for one in every], text.percent),
+        column('visible_fraction', f'{text.SENSITIVITY}, at best', [one.share for one in every], text.percent),
         column('detectable_rms_um', f'{text.LIMIT}, rms', [1e6 * one.detectable for one in every], _limit, 'µm'),
         column('recommended_order_visible_fraction', 'recommended order: typical',
                [one.typical_share if one else None for one in beside],
@@ -376,20 +385,20 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
                [1e6 * one.detectable if one else None for one in beside], _limit, 'µm'),
         words('remark', 'remark', [_remark(one) for one in every])),
         levels=tuple('' if one.reason or one.typical_share >= GOOD_SHARE else
-                     Level.BAD if one.hidden else Level.DOUBTFUL for one in every))
+                     Level.BAD if one.hidden else Level.DOUBTFUL for one in every), note=ABSORBED)
 
 
 def weak_effects(every: Table, most: int) -> Table:
-    """Return of a table of `visibility` the effects that the order hardly shows, the least visible first."""
+    """Return of a table of `visibility` the effects to which the order has a low sensitivity, the lowest first."""
     shares = next(one.values for one in every.columns if one.key == 'typical_visible_fraction')
     weak = sorted((row for row in range(len(shares)) if every.level(row)), key=lambda row: shares[row])
     more = f', the first {most}' * (len(weak) > most)
     return replace(every.only(weak[:most]), name='weak',
-                   title=f'What this order can hardly show: {len(weak)} of {counted(len(shares), "effect")}{more}')
+                   title=f'Low sensitivity of this order: {len(weak)} of {counted(len(shares), "effect")}{more}')
 
 
 def _limit(value: float | None) -> str:
-    """Return a detection limit, µm; above LARGEST_LIMIT the effect is practically not visible."""
+    """Return a detection limit, µm; above LARGEST_LIMIT the effect is practically hidden."""
     return '' if value is None else text.fixed(value, 2) if value < LARGEST_LIMIT else text.UNKNOWN
 
 
@@ -413,14 +422,17 @@ def bias(visibilities: Sequence[Visibility], rotation: Floats | None = None) -> 
 
 
 def orders(advice: Advice) -> Table:
-    """Return the orders that were compared for the next run; the largest smallest visible part first."""
+    """Return the orders that were compared for the next run; the largest smallest sensitivity first."""
     every = (advice.present, *sorted(advice.orders, key=lambda order: -order.worst))
     marks = ['present', *('recommended' if one.label == advice.best.label and advice.best is not advice.present else ''
                           for one in every[1:])]
-    return Table('orders', 'Orders for the next run, by the visible part of the effects that this order hardly shows', (
+    return Table('orders', 'Orders for the next run, by the sensitivity to the effects that this order shows least', (
         words('order', 'order', [one.label for one in every]), words('mark', '', marks),
-        words('worst_effect', 'least visible', [one.worst_effect for one in every]),
-        column('worst_share', text.VISIBLE, [one.worst for one in every], text.percent),
+        words('worst_effect', 'lowest sensitivity to', [one.worst_effect for one in every]),
+        column('worst_share', text.SENSITIVITY, [one.worst for one in every], text.percent),
+        *(column(key, f'U {name}', [2e6 * float(np.linalg.norm(one.u[at])) for one in every if one.u is not None],
+                 lambda value: f'{value:.2g}', unit) for key, name, at, unit in (
+            ('U_ct_um', 'ct', slice(3), 'µm'), ('U_cr_urad', 'cr', slice(3, 6), 'µrad')) if advice.present.environment),
         column('travel_time_s', 'time of moves', [one.travel_time for one in every], text.duration),
         column('duration_s', 'whole run', [one.duration for one in every], text.duration),
         *(column(f'visible_fraction_{name}', name, [one.share(name) for one in every], text.percent)

@@ -58,11 +58,11 @@ def lobing_words(refit: SphereRefit) -> str:
     """Return whether all balls deviate alike by the direction of the probe, in words."""
     found = refit.lobing
     if float(found.p) >= UNLIKELY:
-        return f'none that stands out of the noise ({text.P_NOISE}: {text.p_value(float(found.p))})'
+        return f'none that stands out of the noise ({text.P_VALUE}: {text.p_value(float(found.p))})'
     size, azimuth, elevation = found.largest
     return (f'{text.micrometres(float(found.systematic))} rms over the directions of the probe, largest '
             f'{text.signed(1e6 * size, 3)} µm at azimuth {azimuth:g}°, elevation about {text.signed(elevation, 0)}° '
-            f'({text.P_NOISE}: {text.p_value(float(found.p))})')
+            f'({text.P_VALUE}: {text.p_value(float(found.p))})')
 
 
 def form_words(refit: SphereRefit) -> str:
@@ -71,7 +71,7 @@ def form_words(refit: SphereRefit) -> str:
     worst = np.argsort(-forms.systematic)
     found = [place for place in worst.tolist() if p[place] < UNLIKELY]
     if not found:
-        return f'none that stands out of the noise (smallest {text.P_NOISE}: {text.p_value(float(p.min()))})'
+        return f'none that stands out of the noise (smallest {text.P_VALUE}: {text.p_value(float(p.min()))})'
     named = [f'ball {refit.balls[place]} {text.micrometres(float(forms.systematic[place]))}' for place in found]
     more = f' and {len(named) - 6} more' if len(named) > 6 else ''
     return f'rms over the surface: {", ".join(named[:6])}{more}; turns with the plate'
@@ -95,7 +95,7 @@ def sphere_table(refit: SphereRefit) -> Table:
         _lengths('form_um', 'form error of a reading, mean', [refit.form[rows].mean() for rows in owner]),
         _lengths('largest_form_um', 'largest', [refit.form[rows].max() for rows in owner]),
         _lengths('systematic_um', 'form of the ball, rms', forms.systematic),
-        column('p', text.P_NOISE, p, text.p_value),
+        column('p', text.P_VALUE, p, text.p_value),
         _lengths('moved_um', 'centre moved by at most', [refit.moved[rows].max() for rows in owner])),
         levels=tuple('doubtful' if value < UNLIKELY else '' for value in p),
         note='The form of a ball is the mean residual by direction on the plate, freed of what all balls show alike.')

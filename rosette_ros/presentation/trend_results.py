@@ -79,15 +79,16 @@ def forecast_table(forecasts: Mapping[str, Forecast], tolerances: Mapping[str, f
     curves = list(forecasts)
     made = [forecasts[curve] for curve in curves]
     return Table('forecast', 'When tolerances are reached', (
-        words('error', 'error', curves),
+        words('error', 'error motion', curves),
         words('slope', 'per year', [slope_words(one, curve) for curve, one in zip(curves, made)]),
         words('expected', 'expected', [
-            _date(last, one.expected, 'reached' if one.level >= tolerances[curve] else 'not decidable: U')
+            _date(last, one.expected, 'reached' if one.level >= tolerances[curve] else 'within U')
             for curve, one in zip(curves, made)]),
         words('soonest', 'not before (95 %)', [_date(last, one.soonest, 'now') for one in made]),
         words('interval', 'next calibration within', [f'{one.interval:.0f} d' for one in made])),
         note='The tolerance less U (guard band, ISO 14253-1), by straight lines through the curves since their last '
-             'change; not decidable: below the tolerance by less than U; the interval is between half and twice the '
+             'change; within U: neither conformity nor '
+             'non-conformity can be proven; the interval is between half and twice the '
              'present one (ILAC-G24, control chart).')
 
 

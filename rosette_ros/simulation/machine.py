@@ -10,6 +10,7 @@ every range checked. Millimetres, micrometres and degrees stand in settings only
 """
 
 import math
+from dataclasses import replace
 from os.path import expanduser
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
@@ -160,6 +161,10 @@ class Machine:
         """Simulated time since power-on, at the end of the last reading, s."""
         return self.state.time
 
+    def stand(self, seconds: float) -> None:
+        """Let so much time pass, not below 0, in which nothing moves, s."""
+        self.state = replace(self.state, time=self.state.time + max(seconds, 0.0))
+
     def measure(self, table_position: int, ball: int, approach: int = 1, aim: ArrayLike | None = None,
                 short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None,
                 table_offset: float = 0.0) -> BallReading[int, float]:
@@ -179,11 +184,11 @@ class Machine:
 
     def measure_many(self, table_position: ArrayLike, ball: ArrayLike, approach: ArrayLike, aim: Floats | None = None,
                      short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None,
-                     table_offset: float = 0.0) -> BallReadings:
+                     table_offset: float = 0.0, wait: Floats | float = 0.0) -> BallReadings:
         """Measure N balls in order and return their readings, equal to N calls of `measure` bit by bit.
 
         table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short, touches, pole, table_offset: as
-        `measure`. Raises as `measure`.
+        `measure`; wait: (N,) or of each, s for which the machine stands still before. Raises as `measure`.
         """
         table_position, ball = self._checked(table_position, 'table position'), self._checked(ball, 'ball')
         if aim is None:
@@ -194,7 +199,7 @@ class Machine:
         made = moves(
             self.state, timing, self.n, np.asarray(table_position - 1 + table_offset * self.n / TWO_PI, dtype=float),
             approach, np.asarray(aim),
-            wait=timing.jitter_s * np.abs(draws[:, -6]),
+            wait=timing.jitter_s * np.abs(draws[:, -6]) + wait,
             stop=1e-6 * self.config.table.positioning_urad * draws[:, -5] - short * np.where(approach < 0, -1, 1),
             touches=pattern.size, deadband=1e-3 * self.config.cmm.reversal_deadband_mm,
             free=nearest_axis(self.rough_frame.rotation[:, 2]))
@@ -235,7 +240,8 @@ class Machine:
         alignment = self.align(repeats, offset) if align else Alignment(
             self.true_frame.turned(offset), *self._repeat(repeats, offset))
         aim = alignment.frame.to_outer(nominal_places(self.n, self.radius, scheme.table_position, scheme.ball))
-        readings = self.measure_many(scheme.table_position, scheme.ball, scheme.approach, aim, table_offset=offset)
+        readings = self.measure_many(scheme.table_position, scheme.ball, scheme.approach, aim, table_offset=offset,
+                                     wait=scheme.wait)
         run = Run(
             n=self.n, radius=self.radius, table_position=readings.table_position, ball=readings.ball,
             centre=alignment.frame.to_inner(readings.centre), table_angle=readings.table_angle - offset,

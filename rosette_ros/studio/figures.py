@@ -19,7 +19,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
 from rosette_ros.core.scheme import cmm_position, nominal_places
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name, signed
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, SCALES, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
 from rosette_ros.presentation.tables import noise_of
@@ -39,7 +39,7 @@ CHOSEN = {'color': '#cc79a7', 'width': 3}
 """Line around or through a chosen reading."""
 AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
 HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
-         '<br>%{text} µm<br>rms %{customdata[3]:.1f} × NOISE<br>reading %{customdata[4]}, at %{customdata[5]:.1f} min')
+         '<br>%{text} µm<br>rms %{customdata[3]:.1f} × NOISE<br>reading %{customdata[4]}, at %{customdata[5]:.1f} TIME')
 
 
 DASHES = ('solid', 'dash', 'dot', 'dashdot', 'longdash')
@@ -85,7 +85,7 @@ def curves_figure(every: Sequence[Curves], angle: float | None = None) -> Plotly
 
 def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, tolerances: Mapping[str, float],
                  changes: Sequence[tuple[int, int, Collection[str]]]) -> PlotlyFigure:
-    """Return the six errors, (m, 6) with U, over the dates, a trace each with a point a run; tolerances dashed.
+    """Return the six error motions, (m, 6) with U, over the dates, a trace each with a point a run; tolerances dashed.
 
     changes: before and after which run, and in which curves, something has changed; fainter in the other panels."""
     when = [f'{date:%Y-%m-%d %H:%M}' for date in dates]
@@ -97,7 +97,7 @@ def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, to
                      'name': curve, 'showlegend': False, **_axes(place),
                      'hovertemplate': f'%{{x}}<br>%{{y:.3f}} {unit}<extra>{curve}</extra>'})
         _set_panel(layout, place, {'type': 'date', 'nticks': 5}, {'rangemode': 'tozero'},
-                   f'<b>{curve}</b> peak to valley / {unit}')
+                   f'<b>{curve}</b> range / {unit}')
         x, y = (f'{axis}{_number(place)}' for axis in 'xy')
         for begin, end, curves in changes:
             layout['shapes'].append({
@@ -148,7 +148,7 @@ def maps_figure(fit: Fit, scale: Fit | None = None, chosen: int | None = None) -
     centre = 1 + step * np.arange(count) + (step - 1) / 2
     gap = 1 if count <= MOST_GAPS else 0
     block = f'<br>the largest of {step} × {step} readings' if step > 1 else ''
-    hover = f'{HOVER.replace("NOISE", noise)}{block}<extra></extra>'
+    hover = f'{HOVER.replace("NOISE", noise).replace("TIME", SCALES[run.time_unit].unit)}{block}<extra></extra>'
     data, layout = [], _panels(1, 3, gap=(0.18, 0.2), margin={'t': 24, 'r': 64})
     for place, axis in enumerate(AXES, 1):
         values, readings, texts = _cells(fit, residual, place - 1, step)
@@ -191,7 +191,8 @@ def _cells(fit: Fit, residual: Floats, axis: int, step: int) -> tuple[Floats, Fl
     noise = 1e6 * noise_of(fit)[0]
     readings[row[shown], column[shown]] = np.column_stack([
         run.table_position[shown], run.ball[shown], run.cmm_position[shown],
-        np.sqrt(np.mean(residual[shown]**2, axis=1)) / noise, shown + 1, (run.time[shown] - run.time[0]) / 60])
+        np.sqrt(np.mean(residual[shown]**2, axis=1)) / noise, shown + 1,
+        (run.time[shown] - run.time[0]) * SCALES[run.time_unit].factor])
     texts = [[''] * count for _ in range(count)]
     for k in shown:
         texts[row[k]][column[k]] = ', '.join(f'{name} {signed(size, 3)}'
@@ -204,7 +205,8 @@ def time_figure(fit: Fit, colour: str = AFTER, chosen: int | None = None) -> Plo
 
     chosen: index of a reading that is marked."""
     run, residual, (noise, name) = fit.run, 1e6 * fit.residual, noise_of(fit)
-    minutes, limit = (run.time - run.time[0]) / 60, 2e6 * noise
+    factor, unit = SCALES[run.time_unit]
+    minutes, limit = factor * (run.time - run.time[0]), 2e6 * noise
     data, layout = [], _panels(3, 1, gap=(0.0, 0.08), margin={'t': 24})
     for place, (axis, symbol) in enumerate(zip(AXES, ('circle', 'square', 'diamond'), strict=True), 1):
         shown = _thinned(residual[:, place - 1])
@@ -213,8 +215,8 @@ def time_figure(fit: Fit, colour: str = AFTER, chosen: int | None = None) -> Plo
             'x': packed(minutes[shown]), 'y': packed(residual[shown, place - 1]), **_axes(place),
             'marker': {'size': 4, 'color': colour, 'symbol': symbol}, 'showlegend': False,
             'line': {'color': colour, 'width': 1},
-            'hovertemplate': f'{axis} %{{y}} µm at %{{x:.1f}} min<extra></extra>'})
-        x = {'title': {'text': 'time / min'}} if place == 3 else {'showticklabels': False, 'matches': 'x3'}
+            'hovertemplate': f'{axis} %{{y}} µm at %{{x:.1f}} {unit}<extra></extra>'})
+        x = {'title': {'text': f'time / {unit}'}} if place == 3 else {'showticklabels': False, 'matches': 'x3'}
         heading = f'dotted: ± 2 × {name}' if place == 1 else ''
         _set_panel(layout, place, x, {'title': {'text': f'{axis} / µm'}, 'zeroline': True, 'nticks': 5}, heading)
         layout['shapes'] += [

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an order of measurement shows and what to measure next, in words."""
 
+from collections.abc import Sequence
+
 from rosette_ros.core.errors import counted
-from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
-from rosette_ros.words.verdict_words import some_titles, titles
+from rosette_ros.core.planning.advice import GOOD_SHARE, Advice, OrderAdvice
+from rosette_ros.core.planning.visibility import strongest_first
+from rosette_ros.words.verdict_words import titles
 
 SAME_TIME = 0.1
 """Difference of durations below which two orders take the same time."""
@@ -16,9 +19,10 @@ def advice_words(advice: Advice) -> str:
     weak = [name for name in advice.weak if name not in hidden]
     parts = [] if advice.weak else [f'Order {present.label} shows every effect of the library.']
     if hidden:
-        parts.append(f'Order {present.label} cannot show {some_titles(hidden)}.')
+        parts.append(f'Order {present.label} cannot show {titles(strongest_first(present.run, hidden))}.')
     if weak:
-        parts.append(f'It can hardly show {some_titles(weak)}.')
+        every = titles(strongest_first(present.run, weak))
+        parts.append(f'Low sensitivity (share not absorbed {_shares(present, weak)}): {every}.')
     if best is not present:
         more = sum(best.share(name) >= GOOD_SHARE > present.share(name) for name in advice.wanted)
         what = counted(more, 'more effect') if more else f'more of {titles([best.worst_effect])}'
@@ -27,6 +31,12 @@ def advice_words(advice: Advice) -> str:
         parts.append(f'No order shows {titles(never)}: repeat balls after turning the table the other way, or '
                      'check it with another instrument.')
     return ' '.join(parts)
+
+
+def _shares(order: OrderAdvice, every: Sequence[str]) -> str:
+    """Return between which percentages the sensitivity to effects lies."""
+    shares = sorted(100 * order.share(name) for name in every)
+    return ' to '.join(dict.fromkeys(f'{one:.0f} %' for one in (shares[0], shares[-1])))
 
 
 def _time(longer: float) -> str:

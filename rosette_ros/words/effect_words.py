@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.number_words import UNKNOWN
+from rosette_ros.core.records import in_time
 
 MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}
 """Every name that a diagnosis can give, with what it means."""
@@ -24,7 +25,10 @@ SCALES = {'1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'), 'm': Scale(1e6, 'µm')
           'm/s': Scale(3.6e9, 'µm/h'), 'm/s^2': Scale(1.296e13, 'µm/h²'),
           'rad/s': Scale(3.6e9, 'µrad/h'), '1/s': Scale(3.6e9, 'ppm/h'),
           'm/m': Scale(1e6, 'ppm'), 'm/K': Scale(1e6, 'µm/K'),
-          'rad/K': Scale(1e6, 'µrad/K'), '1/K': Scale(1e6, 'ppm/K')}
+          'rad/K': Scale(1e6, 'µrad/K'), '1/K': Scale(1e6, 'ppm/K'),
+          'reading': Scale(1.0, 'readings'), 'm/reading': Scale(1e6, 'µm/reading'),
+          'm/reading^2': Scale(1e6, 'µm/reading²'), 'rad/reading': Scale(1e6, 'µrad/reading'),
+          '1/reading': Scale(1e6, 'ppm/reading')}
 """SI unit: how it is shown; a unit that is not here is shown as it is."""
 
 OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn'), 'height': Scale(1e3, 'mm'),
@@ -88,19 +92,20 @@ def words_of(name: str) -> str:
 
 
 def setting_words(effect: str, setting: Mapping[str, object], without: Container[str] = (),
-                  moments: Mapping[str, tuple[float, float]] | None = None) -> str:
+                  moments: Mapping[str, tuple[float, float]] | None = None, time: str = 's') -> str:
     """Return the values of the searched parameters of an effect with their units, but for those of `without`.
 
-    moments: between which times, s, moments lie that a run places no better; they stand in place of the values.
+    moments: between which times, s, moments lie that a run places no better; they stand in place of the values;
+    time: the unit of times, as of Run.time_unit.
     """
     units = {one.name: one.unit for one in MEANINGS[effect].searched} if effect in MEANINGS else {}
     words = []
     for name, value in setting.items():
         if name not in without:
             if moments and name in moments:
-                words.append(f'{name} {between_words(*moments[name])}')
+                words.append(f'{name} {between_words(*moments[name], time)}')
                 continue
-            scale = scale_of(units.get(name, ''), name)
+            scale = scale_of(in_time(units.get(name, ''), time), name)
             senses = _first_senses(value) if name == 'first' and isinstance(value, str) else None
             if isinstance(value, float) or (isinstance(value, int) and scale.unit):
                 size = value * scale.factor
@@ -109,12 +114,21 @@ def setting_words(effect: str, setting: Mapping[str, object], without: Container
     return ', '.join(words)
 
 
-def between_words(low: float, high: float) -> str:
-    """Return between which times, s since the first reading, something lies: 'between 37.4 and 49.7 min'."""
+def between_words(low: float, high: float, time: str = 's') -> str:
+    """Return between which times since the first reading something lies: 'between 37.4 and 49.7 min'.
+
+    time: their unit, as of Run.time_unit; with 'reading' between which readings, counted from 1."""
+    if time == 'reading':
+        return f'between readings {math.floor(low) + 1} and {math.ceil(high) + 1}'
+    return f'between {minutes_words(low, high, to="and")}'
+
+
+def minutes_words(low: float, high: float, to: str = 'to') -> str:
+    """Return times, s since the first reading, between which something lies: '37.4 to 49.7 min'."""
     scale = SCALES['s']
     places = max(decimals(scale.factor * (high - low)), 1)
     first, last = (exact(scale.factor * one, places) for one in (low, high))
-    return f'between {first} and {last} {scale.unit}'
+    return f'{first} {to} {last} {scale.unit}'
 
 
 def _first_senses(value: str) -> str:

@@ -27,7 +27,7 @@ def noise_words(noise: NoiseFacts) -> list[str]:
         out.append(f'the frame drifts to and fro by {micrometres(noise.wander)} within about {noise.readings:.0f} '
                    'readings')
     elif noise.correlation:
-        out.append(f'consecutive readings are correlated, coefficient {noise.correlation:.1f}')
+        out.append(f'autocorrelation (lag 1) {noise.correlation:+.1f}'.replace('-', '−'))
     return out
 
 

@@ -14,6 +14,7 @@ from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.number_words import micrometres, multiple, p_words
 from rosette_ros.words.effect_words import capital, names, title_of
 from rosette_ros.words.noise_words import noise_words
+from rosette_ros.words.verdict_words import unseen_words
 
 DOES_NOT_FIT = 'The model does not fit: the residual is more than noise.'
 """Of a model that lacks something, without what it lacks, which a diagnosis names."""
@@ -43,7 +44,9 @@ def conclusion_text(conclusion: Conclusion) -> ConclusionText:
                                'Find out why these differ between the runs.'),
         JointOutcome.UNKNOWN: (f'Whether one model fits cannot be said, as the repeatability is not known; {residual}.',
                                'Measure the repeatability before the run.'),
-        JointOutcome.FITS: (f'{who} fit{s} one model: {residual}.', 'Nothing needs to be done.')}[conclusion.outcome]
+        JointOutcome.FITS: (f'{who} fit{s} one model{unseen_words(conclusion.unseen)}: {residual}.',
+                            'State the environment of the cell (--environment).' if conclusion.lacks_environment
+                            else 'Nothing needs to be done.')}[conclusion.outcome]
     return ConclusionText(conclusion.level, sentence, action)
 
 
@@ -53,9 +56,10 @@ def comparison_words(comparison: Comparison) -> str:
     times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
     places = sorted((one for one in comparison.distinct if one.p < UNLIKELY), key=lambda one: one.p)
     where = names([f'along {AXES[int(np.argmax(comparison.axis_rms))]}', *(
-        f'at {one.label} {one.keys[one.worst]}' for one in places[:3])])
-    sign = '' if comparison.neighbour_correlation > 0 else 'negatively '
-    alike = f'; consecutive readings are {sign}correlated' if comparison.neighbour_p < UNLIKELY else ''
+        f'at {one.label} {one.keys[one.worst]}' if one.keys[one.worst].isdigit() else one.keys[one.worst]
+        for one in places[:3])])
+    alike = (f'; autocorrelation (lag 1) {comparison.neighbour_correlation:+.2f}, significant'.replace('-', '−')
+             if comparison.neighbour_p < UNLIKELY else '')
     return f'The residual is {micrometres(comparison.fit.rms)}{times}. It is largest {where}{alike}.'
 
 
@@ -63,7 +67,7 @@ def check_words(check: CrossCheck) -> str:
     """Return what the second run confirms, and how its residual changes."""
     parts = list(map(_checked, check.effects))
     if any(one.outcome == CONFIRMED for one in check.effects):
-        parts.append(f'The residual of this run falls from {micrometres(check.before.rms)} to '
+        parts.append(f'The residual standard deviation of this run falls from {micrometres(check.before.rms)} to '
                      f'{micrometres(check.after.rms)}.')
     if check.carried is not None:
         parts.append('With the amplitudes of the first run and nothing fitted, the residual is '

@@ -3,6 +3,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
+from math import isnan
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.diagnosis.verdict import (
@@ -18,15 +19,15 @@ from rosette_ros.core.diagnosis.verdict import (
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
 from rosette_ros.core.number_words import micrometres, multiple, p_words
-from rosette_ros.core.records import SI_UNITS
-from rosette_ros.core.stated_environment import LABORATORY
+from rosette_ros.core.records import SI_UNITS, UNIT_DOUBT
+from rosette_ros.core.stated_environment import LABORATORY, Unseen
 from rosette_ros.words.effect_words import (
     MEANINGS,
     SCALES,
-    between_words,
     capital,
     decimals,
     fixed,
+    minutes_words,
     names,
     scale_of,
     setting_words,
@@ -39,17 +40,17 @@ if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Parameter
 
 HEADLINES = {
+    Outcome.UNIT: 'NOT JUDGED, THE UNIT OF THE READINGS IS IN DOUBT',
     Outcome.FITS: 'THE MODEL FITS', Outcome.NAMED: 'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL',
     Outcome.SUSPECTED: 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL',
-    Outcome.UNNAMED: 'SOMETHING IS MISSING THAT HAS NO NAME', Outcome.SCATTERS: 'THE READINGS SCATTER MORE THAN STATED',
+    Outcome.UNNAMED: 'SYSTEMATIC EFFECT FOUND, CAUSE NOT IDENTIFIED',
+    Outcome.SCATTERS: 'THE READINGS SCATTER MORE THAN STATED',
     Outcome.DOUBTFUL_READINGS: 'THE MODEL FITS, READINGS IN DOUBT',
     Outcome.NOISE: 'THE NOISE IS UNUSUAL',
     Outcome.NO_REPEATABILITY: 'NOT JUDGED, THE REPEATABILITY IS NOT KNOWN',
     Outcome.NOT_DETERMINABLE: 'TOO FEW READINGS FOR THE MODEL'}
 """How an outcome is shown; files and messages have its value."""
 NOTHING_TO_DO = 'Nothing needs to be done.'
-MOST_TITLES = 4
-"""So many effects are said by their titles; of more, how many there are."""
 VARIABLES = {
     'time': 'time', 'table angle': 'the table angle', 'CMM position': 'the CMM position',
     'ball': 'the ball that is measured',
@@ -100,12 +101,6 @@ def titles(every: Iterable[str]) -> str:
     found = list(every)
     return names(f'{title_of(one)}{f" ({found.count(one)} times)" if found.count(one) > 1 else ""}'
                  for one in dict.fromkeys(found))
-
-
-def some_titles(every: Sequence[str]) -> str:
-    """Return effects by their titles, of many the first ones and how many more there are."""
-    more = len(every) - MOST_TITLES
-    return titles(every) if more <= 0 else f'{", ".join(map(title_of, every[:MOST_TITLES]))} and {more} more'
 
 
 def unexplained_words(verdict: Verdict) -> str:
@@ -159,6 +154,8 @@ def _outcome(verdict: Verdict) -> list[str]:
     basis = [] if before.repeatability is not None else [
         'The repeatability is not known, so this rests on the structure of the residual alone.']
     match verdict.outcome:
+        case Outcome.UNIT:
+            return [f'{capital(remark)}.' for remark in verdict.remarks if remark.startswith(UNIT_DOUBT)]
         case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED if verdict.missing:
             it = 'it' if len(verdict.missing) == 1 else 'them'
             known = '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})'
@@ -177,12 +174,11 @@ def _outcome(verdict: Verdict) -> list[str]:
                     f'{micrometres(before.rms)} shows no structure.']
         case Outcome.DOUBTFUL_READINGS:
             return [f'The model fits, but there are doubts about the readings: {_against_repeatability(before)}.']
-    return [f'The model fits{_unseen(verdict)}: {_against_repeatability(before)}.']
+    return [f'The model fits{unseen_words(verdict.unseen)}: {_against_repeatability(before)}.']
 
 
-def _unseen(verdict: Verdict) -> str:
+def unseen_words(one: Unseen | None) -> str:
     """Return what U contains of what the order cannot show, as it follows that the model fits."""
-    one = verdict.unseen
     if one is None:
         return ''
     if one.environment:
@@ -196,13 +192,13 @@ def _unseen(verdict: Verdict) -> str:
 def missing_words(one: MissingEffect) -> str:
     """Return what is missing as far as it is known: its law; or what moves with what, and the likeliest law; or names.
 
-    'slip of one ball (99 %)', 'the probe moves with time (99 %), most like warm-up of the machine (61 %)'.
+    'slip of one ball (99 %)', 'the probe moves with time (99 %), most likely warm-up of the machine (61 %)'.
     """
     title, cause = title_of(one.name), one.cause
     if cause is None:
         return title
     if one.depth == 1:
-        return f'{moves_words(one)} ({chance(cause.probability)}), most like {laws_words(cause)}'
+        return f'{moves_words(one)} ({chance(cause.probability)}), most likely {laws_words(cause)}'
     number = cause.number('reading') or cause.number('ball')
     place = '' if number is None else f', {"reading" if cause.number("reading") else "ball"} {number}'
     others = ''.join(f', or {title_of(name)} ({chance(p)})' for name, p in one.alternatives if not one.depth)
@@ -225,7 +221,8 @@ def moves_words(one: MissingEffect) -> str:
         return f'reading {cause.number("reading")} is off'
     if ball is not None:
         verb = f'ball {ball} {"moves" if verb.endswith("moves") else "is off"}'
-    return f'{verb} with {names(VARIABLES.get(first, first) for first, *_ in cause.variables)}'
+    others = ''.join(f', or with {names(VARIABLES.get(one, one) for one in some)}' for some in cause.or_with)
+    return f'{verb} with {names(VARIABLES.get(first, first) for first, *_ in cause.variables)}{others}'
 
 
 def _alike_words(some: Sequence[str]) -> str:
@@ -249,8 +246,9 @@ def _wrong(verdict: Verdict) -> list[str]:
 
 def _reading(one: WrongReading) -> str:
     scale = SCALES['s']
-    return (f'reading {one.number}, table position {one.table_position}, ball {one.ball}, after '
-            f'{fixed(scale.factor * one.time, 1)} {scale.unit}, {micrometres(one.size)} along {one.axis}')
+    after = '' if isnan(one.time) else f' after {fixed(scale.factor * one.time, 1)} {scale.unit},'
+    return (f'reading {one.number}, table position {one.table_position}, ball {one.ball},{after} '
+            f'{micrometres(one.size)} along {one.axis}')
 
 
 def _against_repeatability(residual: Residual) -> str:
@@ -267,10 +265,10 @@ def _against_repeatability(residual: Residual) -> str:
 
 def _actions(verdict: Verdict) -> list[str]:
     """Return what to do, most urgent first."""
-    out = [f'check the readings: {remark}' for remark in verdict.remarks]
+    out = [f'check the readings: {remark}' for remark in verdict.remarks if not remark.startswith(UNIT_DOUBT)]
     if verdict.missing:
-        it = 'it' if len(verdict.missing) == 1 else 'them'
-        out.append(f'find {it} in the cell, or add {it} to the model')
+        it, cause = ('it', 'the cause') if len(verdict.missing) == 1 else ('them', 'the causes')
+        out.append(f'eliminate {cause} and repeat the measurement, or include {it} in the evaluation model')
     elif verdict.unnamed:
         out.append('look at the residual maps, and check the cell for what the residual depends on')
     elif verdict.outcome == Outcome.SCATTERS:
@@ -283,11 +281,11 @@ def _actions(verdict: Verdict) -> list[str]:
     if verdict.too_large:
         out.append('measure the repeatability again, and check its unit')
     if verdict.present:
-        out.append('corrected in the calculation; find the cause: ' + names(
+        out.append('compensated numerically; the cause remains to be eliminated: ' + names(
             f'{title_of(name)} ({micrometres(rms)} rms)' for name, rms in verdict.present))
     out += noise_actions(verdict.noise)
     if verdict.not_needed:
-        out.append(f'remove {titles(verdict.not_needed)} from the model: without it the error rises by no more '
+        out.append(f'remove {titles(verdict.not_needed)} from the model: without it the residual rises by no more '
                    'than chance')
     if not verdict.has_motions:
         out.append('add the error motions of the table to the model')
@@ -310,7 +308,7 @@ def _limits(verdict: Verdict) -> list[str]:
     sets = [some for one in verdict.missing if one.cause and one.depth == 1 for some in one.cause.variables]
     out += filter(None, dict.fromkeys(map(_alike_words, sets)))
     if verdict.hidden:
-        out.append(f'This run could not have shown {some_titles(verdict.hidden)}.')
+        out.append(f'This run could not have shown {titles(verdict.hidden)}.')
     return out
 
 
@@ -334,7 +332,7 @@ def does_words(one: MissingEffect) -> str:
             who = f'{key} {number}' if number != '0' else f'every {key}'
             verb = f'{who} {"moves" if verb.endswith("moves") else "is off"}'
     sizes = _sizes([part for part in one.parameters if part.name not in setting])
-    rest = setting_words(one.name, setting, SAID_ELSEWHERE)
+    rest = setting_words(one.name, setting, SAID_ELSEWHERE, time=one.time_unit)
     return ' '.join(filter(None, [verb, f'by {sizes}' if sizes else '', _when(one), f'({rest})' if rest else '']))
 
 
@@ -365,7 +363,10 @@ def _when(one: MissingEffect) -> str:
     out = []
     for name, lead, at in (('t0', '', 'from'), ('t1', 'until ', 'to')):
         if name in one.moments:
-            out.append(f'{lead}{between_words(*one.moments[name])}')
+            when = one.moments[name]
+            times = f'{minutes_words(when.low, when.high)}, ' * (one.time_unit == 's')
+            out.append(f'{lead}between readings {when.last} and {when.first} ({times}{chance(when.probability)})')
         elif name in one.setting:
-            out.append(f'{at} {setting_words(one.name, {name: one.setting[name]}).partition(" ")[2]}')
+            moment = setting_words(one.name, {name: one.setting[name]}, time=one.time_unit)
+            out.append(f'{at} {moment.partition(" ")[2]}')
     return ' '.join(out)

@@ -105,6 +105,20 @@ def test_what_is_known_is_not_read_again(logs, archive):
     assert archive.read_rows().num_rows == 4
 
 
+@pytest.mark.parametrize('share', [0, 0.5])
+def test_rows_of_a_damaged_part_are_restored_by_adding_again(logs, archive, share):
+    """Its logs are not known any more, and are evaluated as new ones; the others are not."""
+    before = rows(archive)
+    one = add_logs(archive, find_logs([str(logs)])[:1], PlainLoop(), CREEP)
+    assert (one.new, archive.read_rows().num_rows) == (1, 4)
+    broken = archive.parts[0]  # of the three logs
+    broken.write_bytes(broken.read_bytes()[:int(share * broken.stat().st_size)])
+    again = RunArchive(archive.folder)
+    assert again.read_rows().num_rows == 1
+    assert add_logs(again, find_logs([str(logs)]), PlainLoop()).new == 3
+    assert [row for row in rows(again) if row['model_hash'] == before[0]['model_hash']] == before
+
+
 def test_what_was_stated_stays_under_another_model(logs, tmp_path):
     """Table, day and tolerances of a log that states none itself; a plain addition takes what the log states."""
     archive = RunArchive(tmp_path / 'archive', make=True)

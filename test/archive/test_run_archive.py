@@ -150,3 +150,20 @@ def test_a_folder_of_other_files_is_not_made_an_archive(tmp_path):
     (tmp_path / 'run.csv').touch()
     with pytest.raises(InvalidData, match='wanted an archive or an empty folder, got a folder of other files'):
         RunArchive(tmp_path, make=True)
+
+
+@pytest.mark.parametrize('damage', [lambda data: b'', lambda data: data[:len(data) // 2],
+                                    lambda data: data[:4] + b'\xff' * (len(data) // 2) + data[4 + len(data) // 2:]])
+def test_a_damaged_part_is_named_and_the_others_stay(archive, row, damage, caplog):
+    """Cut to nothing, to half, overwritten in the middle; it is named once, with the remedy; adding goes on."""
+    broken = archive.add([row])
+    archive.add([{**row, 'run_id': 'other', 'log_sha256': 'cd' * 32}])
+    broken.write_bytes(damage(broken.read_bytes()))
+    found = RunArchive(archive.folder)
+    for _ in range(2):
+        assert [one['run_id'] for one in found.read_rows().to_pylist()] == ['other']
+    told, = (record.getMessage() for record in caplog.records)
+    assert told.startswith(f'{broken}: left out, as it is damaged (')
+    assert f'`rosette archive add LOGS --into {archive.folder}` restores them, then delete this file' in told
+    found.add([row])
+    assert found.join_small() == '' and found.read_rows().num_rows == 2

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind import SETS, Trial, Truth, trials
-from benchmarks.blind.answers import answered, is_told, judged, law_judged, level_judged, truths
+from benchmarks.blind.answers import answered, determined, is_told, judged, law_judged, level_judged, truths
 from benchmarks.blind.cause import BODIES, said
 from benchmarks.blind.library import LIBRARY, alike, statement
 from benchmarks.blind.regret import regret
@@ -21,7 +21,9 @@ from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.geometry import rotate_z
+from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import remove_gauge
+from rosette_ros.core.scheme import plan
 from rosette_ros.words.verdict_words import MOTIONS, VARIABLES
 
 
@@ -216,6 +218,17 @@ BALL = replace(CAUSE, body=('plate',), variables=said('ball + table angle'))
 def test_levels_are_judged(truth, given, wanted):
     """Body and one alternative of the variables; a displacement of frame or plate with the place says the same."""
     assert level_judged([given], truth) == [wanted]
+
+
+def test_variables_that_determine_each_other_are_the_same():
+    """In a row the time is the table angle: with the place, any two of these are what time and ball are; where nothing
+    determines the other they are not."""
+    given, truth = level('plate', 'CMM position + time'), replace(BALL, variables=said('ball + time'))
+    row, random = (determined(planned_run(plan(12, order, 1), 0.18)) for order in ('row', 'random'))
+    assert {'table angle', 'temperature'} <= row['time'] and 'ball' not in row['time'] | row['touches']
+    assert 'travel' in random['time'] and not random['table angle'] | random['ball']
+    assert level_judged([given], truth, row) == [True] and level_judged([given], truth, random) == [False]
+    assert level_judged([level('plate', 'CMM position')], truth, row) == [False]
 
 
 def test_laws_are_judged_as_names():

@@ -70,7 +70,8 @@ def test_a_position_that_is_approached_from_both_sides_is_approached_twice():
     """A plan may measure one place twice, once from either side."""
     scheme = plan(3, 'row')
     both = replace(scheme, table_position=scheme.table_position.repeat(2), ball=scheme.ball.repeat(2),
-                   approach=np.tile([1, -1], 9), touches=scheme.touches.repeat(2), session=scheme.session.repeat(2))
+                   approach=np.tile([1, -1], 9), touches=scheme.touches.repeat(2), session=scheme.session.repeat(2),
+                   wait=scheme.wait.repeat(2))
     made = plan_calibration(both, 0.1, Frame.identity(), 0, drift_check=False)
     assert [made.target(index).approach for index in range(6, made.total)] == [0, *[-1, 1] * 8, -1]
 

@@ -12,7 +12,8 @@ from rosette_ros.simulation import Machine, MachineConfig
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [2.5, 0.0, 1.5]}
 WARP = {'kind': 'plate_warp', 'rate_um_per_h': 2.0}
 SLIP = {'kind': 'ball_slip', 'ball': 4, 'shift_um': [1.5, 1.0, 0.5], 'at_h': 0.55}
-HIDDEN = {'drift': [DRIFT], 'drift_and_warp': [DRIFT, WARP], 'slip': [SLIP], 'clean': []}
+WARM_UP = {'kind': 'frame_warmup', 'amplitude_um': [0.5, 0.0, -0.5], 'time_constant_h': 0.3}
+HIDDEN = {'drift': [DRIFT], 'weak_warm_up': [WARM_UP], 'drift_and_warp': [DRIFT, WARP], 'slip': [SLIP], 'clean': []}
 _FOLDER = tempfile.TemporaryDirectory(prefix='rosette_simulated_')
 
 

@@ -5,7 +5,11 @@ import json
 import re
 
 import pytest
-from simulated import simulated_table
+from simulated import HIDDEN, simulated_run, simulated_table
+
+from rosette_ros.core.diagnosis.diagnosis import judge
+from rosette_ros.io.plan_file import read_plan
+from rosette_ros.simulation import Machine, MachineConfig
 
 
 def test_a_plan_is_judged(rosette):
@@ -43,7 +47,7 @@ def test_what_a_person_sees(rosette):
     answer = rosette('advise', '--balls', 6, '--order', 'row', '--radius-mm', 100)
     assert '6 balls on R = 100 mm, order row' in answer.out
     flat = ' '.join(answer.out.split())
-    assert 'Order row cannot show drift of the probe relative to the table, ' in flat
+    assert 'Order row cannot show linear probe drift, ' in flat
     assert re.search(r'Order [a-z_]+ shows \d+ more effects in ', flat)
     assert 'rosette plan --balls 6 --radius-mm 100 --order' in flat
     assert all(f'\n{order}' in answer.out for order in ('row ', 'diagonal ', 'column ', 'random '))
@@ -59,7 +63,32 @@ def test_an_effect_can_be_wanted(rosette):
     assert got['recommended']['turning'] == 'alternate'
 
 
+def test_the_next_readings(rosette, tmp_path):
+    """What they separate is said; the plan has the readings of the run and then they, and is measured and judged as any
+    run is: the same cells are measured again."""
+    path, made = simulated_table('weak_warm_up', 6, 'sensitive', 3), tmp_path / 'next.csv'
+    words = ('advise', path, '--readings', 6)
+    out = ' '.join(rosette(*words, '--plan', made).out.split())
+    assert 'Settling: nothing more or ' in out and 'Separates nothing more from ' in out and ': 6 readings, ' in out
+    assert f'Written to {made}, after the 36 readings of the run.' in out
+    got = json.loads(rosette(*words, '--json').out, parse_constant=pytest.fail)
+    assert (got['schema'], got['readings_so_far'], got['is_settled']) == ('rosette-next-readings/1', 36, False)
+    assert got['gain_nat'] > 0 and got['duration_s'] > 6 * 30
+    assert got['separates']['expected_share'] > got['separates']['share'] > 0.5
+    scheme, run = read_plan(made).scheme, simulated_run('weak_warm_up', 6, 'sensitive', 3)
+    assert scheme.ball.tolist() == [*run.ball.tolist(), *got['readings']['ball']]
+    assert scheme.table_position[36:].tolist() == got['readings']['table_position']
+    longer = Machine(MachineConfig().changed(seed=3, plate={'balls': 6}, hidden=HIDDEN['weak_warm_up'])).run(scheme)
+    assert longer.is_gapless and judge(longer).before.rms > 0
+
+
 @pytest.mark.parametrize(('words', 'wanted'), [
+    (('run.csv', '--readings', '6', '--until', '1.2'),
+     "--until: wanted a probability above 0.5 and below 1, got '1.2'"),
+    (('run.csv', '--readings', '0'), '--readings: wanted a whole number in 1 .. 1000'),
+    (('run.csv', '--until', '0.9'), 'advise: --until goes with --readings only; leave it out'),
+    (('--readings', '6', '--balls', '6', '--order', 'row'), 'advise: --readings: wanted RUN, without --order and'),
+    (('run.csv', '--readings', '6', '--plan', 'next.txt'), "--plan: wanted a name that ends in .csv, got 'next.txt'"),
     ((), 'wanted either RUN or both --balls and --order'),
     (('--balls', '6'), 'wanted either RUN or both --balls and --order'),
     (('run.csv', '--balls', '6', '--order', 'row'), 'wanted either RUN or both'),

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input through the command line: one line: where, what was wanted, what came."""
 
+import re
+
 import pytest
 
 
@@ -81,7 +83,7 @@ MODELS = {
     'effects: frame_drift': "effects: wanted a list, got 'frame_drift'",
     'effects: 0': 'effects: wanted a list, got 0',
     'base: [table_motions\n': 'wanted YAML, got text that is none: line 2, column 1: ',
-    '- frame_drift': 'wanted a mapping with base and effects, got list',
+    '- frame_drift': 'wanted a mapping with base and effects, got a list',
     'schema: rosette-model/2': "schema: wanted rosette-model/1, got 'rosette-model/2'",
     'bases: []': "wanted the keys schema, base, effects, noise, got 'bases'",
     'effects: [{name: frame_warmup, time: 3}]': "effect frame_warmup: wanted settings among ",
@@ -157,3 +159,37 @@ def test_a_table_of_the_report_does_not_replace_its_run(refused, make_table, tmp
     before = run.read_bytes()
     assert 'curves.csv: is read by this command' in refused('report', run, '--tables', '.', '--force')
     assert run.read_bytes() == before
+
+
+PYTHON = re.compile(r'\b[A-Z]\w*(?:Error|Exception)\b|\bNoneType\b|\bdict\b|\bstr\b|\bint\(\)|\btuple\b|unhashable')
+"""Words of the language that the program is written in, which mean nothing to whoever reads an error."""
+
+
+@pytest.mark.parametrize(('name', 'text', 'words'), [
+    ('m.yaml', '- frame_drift', 'wanted a mapping with base and effects, got a list'),
+    ('m.yaml', '3', 'wanted a mapping with base and effects, got a whole number'),
+    ('m.yaml', 'base: [!!int ""]', 'wanted YAML values, got one that is none'),
+    ('m.yaml', 'effects: [2026-99-99]', 'wanted YAML values, got one that is none'),
+    ('m.yaml', 'effects: [{own: a, direction: z, expression: "t[0]"}]', "got 't[0]'"),
+    ('m.yaml', 'effects: [{own: a, direction: z, expression: "t +"}]', "'t +' cannot be read"),
+    ('metadata.yaml', 'other: 1', 'wanted a rosbag2 description with rosbag2_bagfile_information'),
+    ('metadata.yaml', 'rosbag2_bagfile_information: 3', 'wanted a rosbag2 description with '),
+    ('metadata.yaml', 'rosbag2_bagfile_information: [', 'wanted a rosbag2 description with ')])
+def test_an_error_is_said_without_names_of_python(refused, make_table, tmp_path, name, text, words):
+    """Whatever was wrong inside: what a file should hold and what it holds."""
+    (tmp_path / name).write_text(text)
+    line = refused('info', tmp_path) if name == 'metadata.yaml' else refused(
+        'evaluate', make_table(), '--model', tmp_path / name)
+    assert words in line and not PYTHON.search(line), line
+
+
+@pytest.mark.parametrize('verb', ['calibrate', 'demo'])
+@pytest.mark.parametrize('value', ['0.5', '1', '95', 'nan', 'sure'])
+def test_a_probability_that_settles_nothing(refused, verb, value):
+    """Of the run that goes on until it is reached."""
+    assert f"--until: wanted a probability above 0.5 and below 1, got '{value}'" in refused(verb, '--until', value)
+
+
+def test_a_demo_that_hides_nothing_settles_nothing(refused):
+    """As with --open."""
+    assert 'demo: --until goes with --hidden only; leave it out' in refused('demo', '--until', '0.95')

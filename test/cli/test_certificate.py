@@ -28,8 +28,8 @@ def test_a_certificate_is_written_and_agrees_with_its_run(rosette, refused, make
     answer = rosette(*command)
     out = ' '.join(answer.out.split())
     assert answer.code == 0, answer.err
-    for words in ('ctx (EXC) / µm', 'Not stated (an auditor asks for it): city of the laboratory, name of the customer',
-                  str(xml), str(pdf)):
+    for words in ('ctx (EXC) / µm', 'Missing mandatory data (ISO/IEC 17025, 7.8.2): city of the laboratory, name '
+                  'of the customer', str(xml), str(pdf)):
         assert words in out
     assert pdf.read_bytes().startswith(b'%PDF')
     assert f'{xml} is the certificate of {table}: the hash of the data is right' in rosette(

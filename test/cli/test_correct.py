@@ -109,8 +109,9 @@ def test_the_next_command_has_the_model_of_the_correction(rosette, measure, tmp_
     (['--for', 'linuxcnc', '--range', '0', 'inf'], 'got --range 0 inf with --step 2; take a larger --step'),
     (['--for', 'linuxcnc', '--range', '0', '1e308'], 'wanted a table of at most 100000 lines, got --range 0 1e+308'),
     (['--step', '-3'], 'wanted a positive number'),
-    (['--step', '5'], 'correct: --step goes with --for csv or linuxcnc only; leave it out'),
-    (['--range', '0', '90'], 'correct: --range goes with --for csv or linuxcnc only; leave it out'),
+    (['--step', '5'], 'correct: --step goes with --for csv, linuxcnc, sinumerik-enc, sinumerik-cec, heidenhain, '
+     'fanuc only; leave'),
+    (['--range', '0', '90'], 'correct: --range goes with --for csv, linuxcnc only; leave it out'),
     (['-o', 'q.csv'], "--output: wanted a name for YAML with --for ros, got 'q.csv'; --for csv writes a table")])
 def test_what_cannot_be_is_refused(refused, measure, tmp_path, words, error):
     """In words; an existing file stays."""

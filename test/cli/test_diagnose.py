@@ -141,7 +141,7 @@ def test_another_run_confirms_what_was_learnt(rosette, tables):
     assert check['held_out_rms_carried_m'] < 0.7 * check['held_out_rms_before_m']
     out = rosette('diagnose', tables[0], '--check', tables[1]).out
     assert 'Checked on drift_and_warp_4' in out
-    assert 'Drift of the probe relative to the table is confirmed, with the same size.' in out
+    assert 'Linear probe drift is confirmed, with the same size.' in out
 
 
 def test_a_clean_run_does_not_confirm(rosette, tables):

@@ -22,9 +22,9 @@ def test_the_library_is_listed(rosette):
 
 
 def test_one_effect_is_explained(rosette):
-    """Where to look, the form, the parameters with their units, the source."""
+    """Possible origin, the form, the parameters with their units, the source."""
     out = rosette('effects', 'frame_warmup').out
-    for words in ('Where to look', 'd (1 - exp(-t/tau))', 'ISO 230-3', 'tau', 'time constant',
+    for words in ('Possible origin', 'd (1 - exp(-t/tau))', 'ISO 230-3', 'tau', 'time constant',
                   'min', 'searched and refined', 'final displacement along x'):
         assert words in out
     assert 'The balls are not at their nominal positions' in rosette('effects', 'plate_deviations').out

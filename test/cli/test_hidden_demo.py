@@ -31,7 +31,7 @@ def shown(tmp_path_factory, module_domain_id):
     """Run the demo once; return what it printed and the folder of its log."""
     runs = tmp_path_factory.mktemp('hidden') / 'runs'
     out = []
-    demo = ['demo', '--hidden', SEED, '--balls', BALLS, '-o', runs, '--domain', module_domain_id]
+    demo = ['demo', '--hidden', SEED, '--balls', BALLS, '-o', runs, '--domain', module_domain_id, '--until', 0.95]
     for words in (demo, ['envelope', '--all']):
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             assert main([*map(str, words), *(map(str, runs.iterdir()) if out else ())]) == 0
@@ -45,11 +45,22 @@ def test_the_envelope_stays_shut_until_it_is_asked_for(shown):
     hidden = {one['kind'] for one in open_envelope(log / 'envelope.json').hidden}
     assert hidden
     assert not any(kind in out for kind in (*hidden, *diagnose(read_log(log).to_run()).missing))
-    assert 'The envelope is shut. To find out what is hidden:' in out
+    assert 'Blind test sealed. To find out what is hidden:' in out
     assert f'demo --hidden {SEED} --seed 1 --balls {BALLS} --order sensitive --axis 0 0 1' in ' '.join(out.split())
     for verb in ('compare', 'diagnose', 'envelope'):
         assert re.search(rf'^  \S*rosette {verb} {re.escape(str(log))}$', out, re.MULTILINE)
     assert f'sha256 {open_envelope(log / "envelope.json").digest}' in out
+
+
+def test_the_cell_measures_on_until_the_cause_is_settled(shown):
+    """What was added is told, in readings and time, beside the same order once more where there is anything to save."""
+    out, _, log = shown
+    settled = read_log(log).states[-1].text.removeprefix('error motions are published; ')
+    assert settled.startswith('settled: ')
+    added, text = read_log(log).to_run().size - BALLS**2, ' '.join(out.split())
+    assert (f'After the {BALLS**2} readings of the plan, none was added: {settled}' if not added else
+            f'After the {BALLS**2} readings of the plan, {added} were added (') in text
+    assert bool(added) == ('The same order repeated ' in text)
 
 
 def test_a_key_opens_the_envelope_and_another_leaves_it_shut(tmp_path, module_domain_id):
@@ -57,14 +68,14 @@ def test_a_key_opens_the_envelope_and_another_leaves_it_shut(tmp_path, module_do
     demo = [sys.executable, '-m', 'rosette_ros.cli.main', 'demo', '--hidden', SEED, '--balls', BALLS, '-o', tmp_path,
             '--domain', module_domain_id]
     with Terminal(*demo) as screen:
-        assert 'What was hidden' not in screen.wait_for('Press Enter to open it now')
+        assert 'Blind test: hidden' not in screen.wait_for('Press Enter to open it now')
         screen.type('\r')
-        screen.wait_for('What was hidden, and what was found')
+        screen.wait_for('Blind test: hidden and found effects')
         assert screen.end() == 0
     with Terminal(*demo) as screen:
         screen.wait_for('or Ctrl-C to leave it shut')
         assert screen.end('\x03') == 130
-    assert 'What was hidden' not in screen.screen and 'Traceback' not in screen.screen
+    assert 'Blind test: hidden' not in screen.screen and 'Traceback' not in screen.screen
 
 
 def test_a_run_without_an_envelope_is_refused(refused, make_table):
@@ -77,7 +88,7 @@ def test_sections_in_order(shown):
     demo, out, log = shown
     heads = re.findall(r'^(\d)  (\w+)', out, re.MULTILINE)
     assert heads == [('1', 'evaluate'), ('2', 'compare'), ('3', 'diagnose'), ('4', 'add'), ('5', 'advise')]
-    assert out.index('What was hidden') < out.index('1  evaluate')
+    assert out.index('Blind test: hidden') < out.index('1  evaluate')
     digests = re.findall(r'sha256 ([0-9a-f]{64})', out)
     assert digests == [open_envelope(log / 'envelope.json').digest]
     assert f'rosette demo --hidden {SEED}' in demo
@@ -96,7 +107,7 @@ def test_what_is_shown_is_in_the_files(shown):
         effect.kind for effect in machine.hidden]
     found = diagnose(read_log(log).to_run())
     assert set(found.missing) <= set(read_model(log / 'model.yaml').names)
-    last = out.split('What was hidden, and what was found')[1].split('1  evaluate')[0]
+    last = out.split('Blind test: hidden and found effects')[1].split('1  evaluate')[0]
     for hidden in envelope.hidden:
         line = next(line for line in last.splitlines() if line.startswith(hidden['kind']))
         assert ('named' in line) or ('too small' in line) or ('cannot show it' in line)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette add and remove: the model file, the error before and after, and what is refused."""
+"""rosette add and remove: the model file, the residual before and after, and what is refused."""
 
 import json
 import re
@@ -37,7 +37,7 @@ def test_add_makes_the_file_from_the_base_model(rosette, model):
     assert content(model) == {'schema': 'rosette-model/1', 'base': BASE,
                               'effects': ['frame_drift']}
     assert [path.name for path in model.parent.iterdir()] == ['model.yaml']
-    assert 'deviations of the CMM + drift of the probe relative to the table' in answer.out
+    assert 'CMM measurement errors + linear probe drift' in answer.out
 
 
 def test_remove_gives_the_file_back_as_it_was(rosette, model):
@@ -65,7 +65,7 @@ def test_what_explains_more_and_what_is_no_longer_needed_is_said(rosette, model,
     write_csv(Machine(config).run(plan(12, 'sensitive')), tmp_path / 'run.csv')
     rosette('add', 'frame_drift', '--model', tmp_path / 'm.yaml')
     said = rosette('add', 'frame_warmup', '--model', tmp_path / 'm.yaml', '--run', tmp_path / 'run.csv').out
-    assert 'No longer needed: drift of the probe relative to the table; remove frame_drift.' in ' '.join(said.split())
+    assert 'No longer needed: linear probe drift; remove frame_drift.' in ' '.join(said.split())
 
 
 def test_the_right_effect_helps(rosette, model):
@@ -73,8 +73,8 @@ def test_the_right_effect_helps(rosette, model):
     run = simulated_table('drift_and_warp')
     answer = rosette('add', 'frame_drift', '--model', model, '--run', run)
     flat = ' '.join(answer.out.split())
-    assert 'Drift of the probe relative to the table helps: the cross-validation error falls from' in flat
-    for words in ('residual µm', 'reduced χ²', 'cross-validation error µm', 'largest',
+    assert 'Linear probe drift helps: the cross-validation residual falls from' in flat
+    for words in ('residual µm', 'reduced χ²', 'cross-validation residual µm', 'largest',
                   'U before', 'U after', 'crz', 'µm/h'):
         assert words in flat
     got = json.loads(rosette('add', 'plate_warp', '--model', model, '--run', run, '--json').out)
@@ -89,11 +89,11 @@ def test_the_right_effect_helps(rosette, model):
 
 
 def test_a_wrong_effect_only_describes_noise(rosette, model):
-    """Its residual falls a little, the cross-validation error does not; the words say so."""
+    """Its residual falls a little, the cross-validation residual does not; the words say so."""
     run = simulated_table(seed=5)
     answer = rosette('add', 'plate_creep', '--model', model, '--run', run)
     flat = ' '.join(answer.out.split())
-    assert re.search(r'Creep of the plate does not lower the cross-validation error by more than chance '
+    assert re.search(r'Creep of the plate does not lower the cross-validation residual by more than chance '
                      r'\(.*\): noise is all that is described. Take it out', flat)
     flat = ' '.join(rosette('remove', 'plate_creep', '--model', model, '--run', run).out.split())
     assert 'Creep of the plate is not needed' in flat
@@ -106,7 +106,7 @@ def test_a_needed_effect_is_said_to_be_needed(rosette, model):
     got = json.loads(rosette('remove', 'frame_drift', '--model', model, '--run', run,
                              '--json').out)
     assert got['hurts'] and not got['helps']
-    assert got['sentence'].startswith('Drift of the probe relative to the table is needed: without it the ')
+    assert got['sentence'].startswith('Linear probe drift is needed: without it the ')
     assert content(model)['effects'] == []
 
 
@@ -140,7 +140,7 @@ def test_a_term_of_ones_own(rosette, model):
     assert content(model)['effects'] == [{'own': 'wave', 'direction': 'z',
                                           'expression': 't*cos(3*alpha)', 'per': 'all'}]
     out = ' '.join(answer.out.split())
-    assert 'deviations of the CMM + wave (t*cos(3*alpha) along z)' in out
+    assert 'CMM measurement errors + wave (t*cos(3*alpha) along z)' in out
     assert 'Amplitude of a custom term: what it adds where its expression is 1, with t in s, T in K and' in out
     answer = rosette('evaluate', simulated_table(), '--model', model)
     assert '+ wave (t*cos(3*alpha) along z) (rank' in ' '.join(answer.out.split())

@@ -247,3 +247,11 @@ def test_a_plate_of_fewer_balls_than_positions_is_called_so(rosette, tmp_path):
 def test_what_cannot_be_compared(refused, words, message):
     """One line each."""
     assert message in refused('plan', *words)
+
+
+def test_the_shortest_plan(rosette, refused):
+    """Four CMM positions determine the curves of 12 balls; it chooses them itself."""
+    words = ('plan', '--balls', 12, '--radius-mm', 182.5, '--order', 'sensitive', '--shortest')
+    got = json.loads(rosette(*words, '--json').out)
+    assert (len(got['ball']), got['expected']['rank']) == (48, 107)
+    assert '--shortest chooses the CMM positions: leave out --cmm-positions' in refused(*words, '--cmm-positions', 6)

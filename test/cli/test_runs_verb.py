@@ -42,7 +42,7 @@ def test_runs_are_listed_with_their_verdicts(rosette, folder):
         assert one['verdict'] == verdict_text(judge(open_run(one['path']))).sentence
         assert (one['n'], one['readings'], one['problem']) == (8, 64, '')
     out = ' '.join(rosette('runs', folder).out.split())
-    assert '2 runs' in out and 'most like drift of the probe relative to' in ' '.join(out.split())
+    assert '2 runs' in out and 'most likely linear probe drift' in ' '.join(out.split())
 
 
 def test_a_file_that_is_no_run_is_listed_with_its_problem(rosette, folder):

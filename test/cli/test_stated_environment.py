@@ -1,12 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """--environment: U that contains what an order cannot show, in evaluate, budget, report; nothing is decided without."""
 
+import datetime
 import json
 
+import numpy as np
 import pytest
 
+from rosette_ros.analysis import analyse, find
+from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_row import evaluation_row, heading
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.budget_file import read_budget
+from rosette_ros.io.correction_file import read_correction
+from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.simulation import Machine, MachineConfig
 
 HIDDEN = [{'kind': 'frame_warmup', 'amplitude_um': [0.8, 0.5, -0.33], 'time_constant_h': 0.33, 'from_h': 0.3}]
@@ -40,7 +49,8 @@ def test_without_an_environment_u_says_what_it_lacks_and_decides_nothing(rosette
     first = ' '.join(told.out.split())
     assert 'The model fits, with U of ' in first and 'without what this order cannot show; ' in first
     assert ' in a laboratory: the residual of' in first
-    assert 'Not decided: no environment is stated, and U lacks what this order cannot show' in first
+    assert ('Neither conformity nor non-conformity is stated: no environment is stated, and U lacks what this order '
+            'cannot show') in first
     found = evaluated(rosette, table, '--identity', limits)
     assert found['environment'] is None
     assert found['iso_230_7']['errors'][2]['conformity'] == 'not decidable'
@@ -97,10 +107,76 @@ def test_numbers_of_the_cell_are_read_from_a_file(rosette, table, tmp_path):
         'laboratory')
 
 
-def test_several_runs_have_none(refused, table):
-    """Their U is that of their scatter."""
-    assert '--environment goes with one RUN only' in refused('evaluate', table, table, '--joint', '--environment',
-                                                             'workshop')
+def test_several_runs_as_one_have_it_too(rosette, refused, table, tmp_path):
+    """One run as a joint one has the U of that run; what else a budget has is refused."""
+    alone = evaluated(rosette, table, '--environment', 'workshop')
+    found = evaluated(rosette, table, '--joint', '--environment', 'workshop')
+    assert found['environment']['name'] == 'workshop'
+    assert found['curves'][0]['U']['crz_rad'] == pytest.approx(alone['U']['crz_rad'], rel=0.02)
+    assert 'with what this order cannot show in U (environment: workshop)' in found['verdict']
+    assert 'without what this order cannot show; ' in evaluated(rosette, table, '--joint')['verdict']
+    path = tmp_path / 'b.yaml'
+    path.write_text('schema: rosette-budget/1\nradius: {u_um: 1}\n')
+    assert 'wanted the section environment only with several runs as one, got radius; leave it out' in refused(
+        'evaluate', table, '--joint', '--inputs', path)
+
+
+def test_a_correction_and_its_verification_have_it(rosette, table, tmp_path):
+    """U of the file and of the curves after it contain what the order row hides."""
+    widths = []
+    for place, words in enumerate(([], ['--environment', 'workshop'])):
+        path = tmp_path / f'{place}.yaml'
+        assert rosette('correct', table, '-o', path, *words).code == 0
+        found = json.loads(rosette('verify', table, table, '--correction', path, '--json', *words).out)
+        widths.append((float(np.max(read_correction(path)[0].forward.u[:, 5])), found['errors'][5]['U']))
+    assert widths[1][0] > 2 * widths[0][0] and widths[1][1] > 2 * widths[0][1]
+
+
+def test_orders_for_the_next_run_by_their_u(rosette):
+    """Row is the worst one in a workshop; plan compares all orders where none is named, advise takes another one."""
+    plans = json.loads(rosette('plan', '--balls', '6', '--radius-mm', '182.5', '--environment', 'workshop',
+                               '--json').out)['plans']
+    relative = {one['name']: one['relative_uncertainty'] for one in plans}
+    assert relative['sensitive'] < 1.5 and relative['row'] == max(relative.values()) > 3
+    assert plans[0]['environment']['name'] == 'workshop' and plans[0]['duration_s'] > 0
+    text = ' '.join(rosette('plan', 'row', 'sensitive', '--balls', '6', '--radius-mm', '182.5', '--environment',
+                            'workshop').out.split())
+    assert 'Least U in the environment workshop: sensitive.' in text
+    found = rosette('advise', '--balls', '6', '--order', 'row', '--environment', 'workshop').out
+    assert 'U ct' in found and 'recommended' in found and 'U ct' not in rosette(
+        'advise', '--balls', '6', '--order', 'row').out
+
+
+def test_earlier_runs_of_a_cell_state_its_environment(rosette, refused, tmp_path):
+    """Runs in sensitive show a drift of the angle in one of three, and that nothing else is there: the section that
+    they make gives a run in row a U that holds, smaller than that of a class in which the cell was never seen."""
+    archive, rows = RunArchive(tmp_path / 'archive', make=True), []
+    drift = [{'kind': 'table_zero_drift', 'rate_urad_per_h': 12.0}]
+    for seed in range(3):
+        config = MachineConfig().changed(seed=seed, plate={'balls': 8}, **({'hidden': drift} if seed == 0 else {}))
+        path, run = tmp_path / f'{seed}.csv', Machine(config).run(plan(8, 'sensitive', seed), run_id=f'r{seed}')
+        write_csv(run, path)
+        identity = parse_identity(b'schema: rosette-identity/1\ntable: {serial: RT-7}\n')
+        rows.append({**heading(f'{seed}', str(path), '', Model(), datetime.datetime.now(datetime.UTC), run.run_id),
+                     **evaluation_row(analyse(run), find(run), identity=identity)})
+    archive.add(rows)
+    file = tmp_path / 'cell.yaml'
+    text = rosette('archive', 'environment', archive.folder, '--table', 'RT-7').out
+    assert rosette('archive', 'environment', archive.folder, '--table', 'RT-7', '-o', file).code == 0
+    assert file.read_text() == text
+    stated = read_budget(file).environment
+    assert 'found in 1 of 3 runs of table RT-7' in stated.effects['table_zero_drift'].source
+    hours = float(np.ptp(run.time)) / 3600
+    assert stated.effects['table_zero_drift'].value == pytest.approx(12e-6 * hours * 0.1825 / 3**0.5, rel=0.3)
+    assert 'not found in 3 runs of table RT-7' in stated.sizes['plate'].source
+    row = tmp_path / 'row.csv'
+    write_csv(Machine(MachineConfig().changed(seed=9, plate={'balls': 8}, hidden=drift)).run(plan(8, 'row', 9)), row)
+    cell, shop, alone = (evaluated(rosette, row, *words)['U'] for words in (
+        ['--inputs', file], ['--environment', 'workshop'], []))
+    assert max(cell['crz_rad']) > 3 * max(alone['crz_rad'])
+    assert max(alone['ctz_m']) < max(cell['ctz_m']) < max(shop['ctz_m'])
+    assert 'wanted diagnosed runs of table RT-8 whose logs are still there, got none of 0 runs' in refused(
+        'archive', 'environment', archive.folder, '--table', 'RT-8')
 
 
 def test_the_report_states_it(rosette, table, tmp_path):
@@ -126,4 +202,4 @@ def test_a_certificate_states_environment_and_class(rosette, table, tmp_path):
     assert 'laboratory: machine against table 0.3 µm' in said[1] and 'no environment is stated' not in said[1]
     assert 'hidden: ' in said[1] and 'drift test' not in said[0]
     assert 'nor among those of the environment (laboratory)' in said[1]
-    assert 'not decidable' in said[0] and 'conforms' in said[1]
+    assert 'neither proven' in said[0] and 'conforms' in said[1]

@@ -29,6 +29,6 @@ def test_what_has_no_name_can_be_kept_as_a_term():
     setting = Setting(of='time since move', kind='slow', along='frame along y')
     one = Unnamed((frozenset(['time since move']),), 'frame along y', setting, 0.97)
     lines = card(Verdict(Outcome.UNNAMED, RESIDUAL, RESIDUAL, unnamed=(one,)), 'mine.yaml')
-    assert lines[0] == 'SOMETHING IS MISSING THAT HAS NO NAME'
+    assert lines[0] == 'SYSTEMATIC EFFECT FOUND, CAUSE NOT IDENTIFIED'
     assert lines[-1].endswith("rosette add free --set 'of=time since move' --set kind=slow --set 'along=frame along y' "
                               "--model mine.yaml --run 'my run.csv'")

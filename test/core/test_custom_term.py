@@ -27,14 +27,14 @@ def test_arithmetic(text, value):
 
 @pytest.mark.parametrize('text, words', [
     ('__import__("os").system("ls")', 'wanted arithmetic on|wanted functions of one'),
-    ('t.__class__', 'got Attribute'), ('t[0]', 'got Subscript'), ('lambda: 1', 'got Lambda'),
-    ('[1 for x in t]', 'got ListComp'), ('open(t)', "among sin, .*, got 'open'"),
+    ('t.__class__', "got 't.__class__'"), ('t[0]', r"got 't\[0\]'"), ('lambda: 1', "got 'lambda: 1'"),
+    ('[1 for x in t]', 'for x in t'), ('open(t)', "among sin, .*, got 'open'"),
     ('time', "names among t, T, .*, got 'time'"), ('t**t', 'a number up to 12 as exponent'),
     ('t**999999', 'a number up to 12 as exponent'), ('sin(t, t)', 'functions of one argument'),
-    ('"a"*9', 'got Constant'), ('True + t', 'got Constant'), ('1e300 + t', 'numbers up to 1e12'),
+    ('"a"*9', "got .*'a'"), ('True + t', "got 'True'"), ('1e300 + t', 'numbers up to 1e12'),
     ('t +', 'cannot be read'), ('', 'wanted a text'), ('t ' * 200, 'at most 300 characters'),
-    ('-' * 50 + 't', 'at most 30 nested levels'), ('t if t else t', 'got IfExp'),
-    ('t; t', 'cannot be read'), ('t := 3', 'cannot be read'), ('not t', 'got UnaryOp')])
+    ('-' * 50 + 't', 'at most 30 nested levels'), ('t if t else t', "got 't if t else t'"),
+    ('t; t', 'cannot be read'), ('t := 3', 'cannot be read'), ('not t', "got 'not t'")])
 def test_what_is_refused(text, words):
     """Anything but arithmetic on a reading's quantities is refused with words."""
     with pytest.raises(InvalidModel, match=words):

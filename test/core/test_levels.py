@@ -12,9 +12,11 @@ from rosette_ros.core.diagnosis.diagnosis import Unnamed, find
 from rosette_ros.core.diagnosis.posterior import Posterior, motion_of
 from rosette_ros.core.diagnosis.verdict import Level, Outcome, decide
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.error_summary import fit_lines
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.verdict_words import moves_words
 
 SIGMA = 1e-7
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
@@ -111,3 +113,45 @@ def test_what_is_less_than_sure_is_suspected():
     assert outcome(one, **{**named, 'causes': [replace(cause, probability=0.95)]}) == Outcome.NAMED
     verdict = decide(found.fit, found.fit, unnamed=[one])
     assert verdict.level == Level.DOUBTFUL and verdict.model_fails
+
+
+def test_curves_are_those_of_all_explanations():
+    """In a row a step of the frame may be a slip of the plate, which moves other curves: mean and variance are those of
+    both, and where one explanation is left, the curves are its own."""
+    found = found_in('row', {'kind': 'frame_step', 'step_um': [0.0, 0.4, 0.0], 'at_h': 0.3})
+    p, fits = zip(*found.with_cause.explanations)
+    assert len(p) > 1 and max(p) < 0.9 and found.with_cause.explanations == found.final.explanations
+    weight = np.array(p) / sum(p)
+    values = np.stack([one.error_motions.values for one in fits])
+    within = np.tensordot(weight, np.stack([one.error_motions.u for one in fits])**2, axes=1)
+    mean, motions = np.tensordot(weight, values, axes=1), found.with_cause.error_motions
+    assert motions.values == pytest.approx(mean, abs=1e-15)
+    assert motions.u**2 == pytest.approx(within + np.tensordot(weight, (values - mean)**2, axes=1))
+    for line, spread in zip(fit_lines(found.with_cause), motions.values.T):
+        assert line.range == pytest.approx(np.ptp(spread)) and line.spread.moments == pytest.approx(
+            (line.range, line.u_range**2))
+    single = found_in('random', {'kind': 'outlier', 'shift_um': [2.0, 1.0, 0.5], 'at_h': 0.5})
+    (_, alone), = single.with_cause.explanations
+    assert np.array_equal(single.with_cause.error_motions.values, alone.error_motions.values)
+
+
+def test_a_ball_that_surely_moves_is_said_though_not_with_what():
+    """Ball 3 slips 30 times the noise, and no reading that follows tells time from sense and size of the table moves:
+    the ball is said, with all that it may move with."""
+    found = found_in('sensitive', {'kind': 'ball_slip', 'ball': 3, 'shift_um': [3.0, 2.0, 1.0], 'at_h': 0.4})
+    cause, = found.causes
+    assert cause.bodies == ('ball 3',) and cause.probability > 0.99 and found.missing == ('ball_slip',)
+    assert cause.or_with and frozenset(cause.or_with[0]) in cause.alternatives and not cause.law_certain
+    assert cause.law_probability < 0.9 and () in dict(cause.laws)
+    missing, = found.verdict.missing
+    assert missing.depth == 1 and found.verdict.outcome == Outcome.NAMED
+    words = moves_words(missing)
+    assert words.startswith('ball 3 moves with time, or with ')
+
+
+def test_two_laws_of_one_motion_are_not_certain():
+    """A frame that steps twice may as well follow one course that the library does not have."""
+    found = found_in('sensitive', {'kind': 'frame_step', 'step_um': [3.0, 0.0, 2.0], 'at_h': 0.3},
+                     {'kind': 'frame_step', 'step_um': [-1.0, 2.0, 0.0], 'at_h': 0.45})
+    steps = [one for one in found.causes if one.bodies[0] == 'frame']
+    assert len(steps) == 2 and not any(one.law_certain for one in steps)

@@ -112,7 +112,7 @@ def test_noise_is_told_as_noise():
 def test_what_noise_is_like_stands_in_the_sentence():
     """The words for each kind; each axis is compared with the one that repeats best, the advice names the worse."""
     for make, words in ((KINDS['tail reading'], 's are farther off than a normal distribution allows (Student, '),
-                        (KINDS['wander'], 'consecutive readings are correlated, coefficient 0.'),
+                        (KINDS['wander'], 'autocorrelation (lag 1) +0.'),
                         (KINDS['wander of a walk'], 'the frame drifts at random')):
         assert words in verdict_text(judge(noisy(make(0)))).sentence
     assert 'CMM position 7 scatters ' in verdict_text(judge(noisy(KINDS['by CMM position'](0), 0, 'row'))).sentence

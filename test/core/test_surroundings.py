@@ -10,6 +10,7 @@ from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.surroundings import CLAIMED, MATTERS, at_ball, kind_of, surrounded, unseen
+from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.stated_environment import CLASSES, KINDS, LABORATORY, Environment, Size
 
 NOISE = 1e-7
@@ -59,6 +60,24 @@ def test_what_is_there_moves_the_curves_back(make_run):
                    for each in (one, made))
     assert made.there['plate_slip'] > 0.999
     assert left < 0.2 * wrong
+
+
+def test_a_slip_between_table_positions_counts(make_run):
+    """In the order row a slip while the table moves is wholly in the curves, one between two balls of a position shows.
+
+    Of 118 moments some are of the first kind, up to 11: with w = pi / (1 - pi) / 118 of each, pi = 2 / 3 of a single
+    effect, they have p = w / (1 + 11 w) and S^2 / pi, a third of it along each axis of the plate, and shift the curves
+    from there on, less what no run knows."""
+    one = fit(make_run(12, 'row', noise=NOISE)[0])
+    made = surrounded(one, only('plate_slip', 1e-6))
+    added = np.sqrt(np.mean((made.error_motions.u**2 - one.error_motions.u**2)[:, :2]))
+    angle, square = one.error_motions.angle, 0.0
+    for moment in range(1, 12):
+        curves = np.zeros((12, 6))
+        curves[moment:, 0], curves[moment:, 1] = np.cos(angle[moment:]), np.sin(angle[moment:])
+        square += 2 * np.mean(remove_gauge(curves)[:, :2]**2)  # along the other axis of the plate as much
+    w = 2 / 118
+    assert added == pytest.approx(1e-6 * np.sqrt(square * 1.5 / 3 * w / (1 + 11 * w)), rel=0.15)  # 9 to 11 moments
 
 
 def test_claims_leave_the_environment_and_have_a_prior(make_run):

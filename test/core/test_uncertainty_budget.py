@@ -224,7 +224,7 @@ def test_hidden_effects_are_bounded_or_named(make_run):
     bias = next(one.bias for one in shown if one.name == 'frame_drift')
     np.testing.assert_allclose(lines(made)['hidden: frame_drift'].mean, 3e-7 / np.sqrt(3) * bias)
     assert not any('hides altogether' in words and ' frame_drift' in words for words in made.open)
-    assert np.all(made.mean >= root_mean(made.combined(with_bounds=False)))
+    assert np.all(made.mean >= root_mean(made.combined()))
     with pytest.raises(InvalidData, match="hidden_effects: wanted one of .*, got 'drift'"):
         budget(fitted, BudgetInputs(bounds={'drift': 3e-7}), hidden=shown)
 

@@ -47,6 +47,7 @@ class MuteCmm(Mute, SimulatedCmm):
             _struck=0,
             _last_answer=None,
             _set_back=0.0,
+            _newest=0,
             _clock_out=self,
             answers=self,
             touches=self,

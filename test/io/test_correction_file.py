@@ -11,7 +11,8 @@ from rosette_ros.core.correction import Correction
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import CURVES, ErrorMotions
-from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation, read_correction
+from rosette_ros.io.controller_tables import Axis, linuxcnc
+from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
 
 N = 12
 ANGLE = TWO_PI * np.arange(N) / N
@@ -68,8 +69,8 @@ def test_a_table_for_people_and_programs():
     """Errors as they are, not turned round; the head says so, and what U is."""
     text = correction_csv(BOTH, np.deg2rad([0.0, 45.0, 90.0]))
     head = [line for line in text.splitlines() if line.startswith('#')]
-    assert '# sign: what the table does wrong; a controller takes it off (subtracts it)' in head
-    assert any('U (k = 2) of a point: ctx 0.2 µm' in line for line in head)
+    assert '# sign: deviations actual minus nominal; compensation = -deviation' in head
+    assert any('U (k = 2) of a single value: ctx 0.2 µm' in line for line in head)
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     assert [float(row['crz_urad_forward']) for row in rows] == pytest.approx([0, 7.071068, 10], abs=1e-6)
     assert [float(row['crz_urad_backward']) for row in rows] == pytest.approx([0, -7.071068, -10], abs=1e-6)
@@ -81,7 +82,7 @@ def test_a_table_for_people_and_programs():
 
 def test_a_compensation_file_of_linuxcnc():
     """No comment, ascending, both limits, the trim against the error, each sense its own."""
-    lines = [list(map(float, line.split())) for line in linuxcnc_compensation(BOTH, -360, 450, 7).splitlines()]
+    lines = [list(map(float, line.split())) for line in linuxcnc(BOTH, -360, 450, 7, Axis())[0].splitlines()]
     nominal, forward, backward = np.transpose(lines)
     assert (nominal[0], nominal[-1], len(lines) <= 256) == (-360, 450, True)
     assert (np.diff(nominal) > 0).all()
@@ -96,4 +97,4 @@ def test_a_compensation_file_of_linuxcnc():
 def test_what_linuxcnc_would_not_read_is_refused(limits, corrected, words):
     """In words, with what would do."""
     with pytest.raises(InvalidConfig, match=words):
-        linuxcnc_compensation(Correction(BOTH.forward, BOTH.backward, corrected), *limits)
+        linuxcnc(Correction(BOTH.forward, BOTH.backward, corrected), *limits, Axis())

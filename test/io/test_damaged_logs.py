@@ -125,6 +125,19 @@ def test_damage_is_reported_or_without_effect(sound, tmp_path, damage):
     assert 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) < MOST_BYTES
 
 
+@pytest.mark.parametrize('rest', ['', 'a text', 'zeros', 'another log'])
+def test_data_behind_the_end_are_said(sound, tmp_path, rest):
+    """Text, what a disk has padded, a second log: not read, and said with the place; the run is the same."""
+    behind = {'': b'', 'a text': b'copied by hand', 'zeros': bytes(512), 'another log': sound}[rest]
+    path = tmp_path / 'joined.mcap'
+    path.write_bytes(sound + behind)
+    found = read_log(path)
+    path.write_bytes(sound)
+    assert numbers(found.to_run()) == numbers(read_log(path).to_run())
+    assert [f'ends at byte {len(sound)}; {len(behind)} bytes behind it were not read' in one
+            for one in found.problems] == [True] * bool(behind)
+
+
 @pytest.fixture
 def many(make_cell, tmp_path):
     """Return a log of some 40 chunks, and the places of its chunks by the index of the mcap library."""

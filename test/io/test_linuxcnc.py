@@ -13,7 +13,7 @@ import pytest
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import ErrorMotions
-from rosette_ros.io.correction_file import linuxcnc_compensation
+from rosette_ros.io.controller_tables import Axis, linuxcnc
 
 pytestmark = pytest.mark.skipif(not shutil.which('linuxcnc') or not Path('/usr/bin/python3').exists(),
                                 reason='LinuxCNC is not installed (Debian: linuxcnc-uspace)')
@@ -114,7 +114,7 @@ def test_motor_and_table_turn_to_the_corrected_angles(tmp_path):
         values[:, 5] = size * np.sin(angle + 1)
         both.append(ErrorMotions(angle, values, np.full((12, 6), 1e-7)))
     correction = Correction(*both, ('crz',))
-    (tmp_path / 'table.comp').write_text(linuxcnc_compensation(correction, LOW, HIGH, 6))
+    (tmp_path / 'table.comp').write_text(linuxcnc(correction, LOW, HIGH, 6, Axis())[0])
     (tmp_path / 'machine.ini').write_text(CONFIGURATION)
     (tmp_path / 'machine.hal').write_text(HAL)
     (tmp_path / 'display.py').write_text(DISPLAY % (ANGLES,))

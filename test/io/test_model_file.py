@@ -50,7 +50,7 @@ def test_the_written_text_is_what_a_person_would_write():
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'', 'm.yaml: wanted a mapping with base and effects, got NoneType'),
+    (b'', 'm.yaml: wanted a mapping with base and effects, got nothing'),
     (b'a: \xff', 'm.yaml: wanted UTF-8 text, got byte 0xff at position 3'),
     (b'base: [x', 'm.yaml: wanted YAML, got text that is none: line 2, column 1'),
     (b'base: []\nbase: []', "line 2, column 1: key 'base' stands twice"),

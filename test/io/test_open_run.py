@@ -2,6 +2,7 @@
 """RUN on the command line: told by its content, not by its name."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -90,3 +91,19 @@ def test_what_never_ends_is_not_read(tmp_path, kind):
         os.mkfifo(path)
     with pytest.raises(InvalidData, match='got a device or a pipe; write it to a file first'):
         open_run(path)
+
+
+@pytest.mark.parametrize(('name', 'begin', 'words'), [
+    ('a.bag', b'#ROSBAG V2.0\n', 'is a bag of ROS 1; wanted MCAP: convert it with `rosbags-convert --src BAG'),
+    ('a.mcap.gz', b'\x1f\x8b\x08', 'is a packed file; unpack it: gzip -dk '),
+    ('a.mcap.xz', b'\xfd7zXZ\x00', 'is a packed file; unpack it: xz -dk '),
+    ('a.mcap.bz2', b'BZh9', 'is a packed file; unpack it: bzip2 -dk '),
+    ('a.tar', b'\0' * 257 + b'ustar', 'is a packed file; unpack it: tar -xf '),
+    ('a.db3', b'SQLite format 3\0', 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`')])
+def test_what_is_alone_in_a_folder_is_named_with_the_way_to_convert_it(tmp_path, name, begin, words):
+    """As a file is; a ROS 1 bag, packed files, sqlite3."""
+    (tmp_path / name).write_bytes(begin + bytes(600))
+    (tmp_path / 'readme.txt').write_text('the run of Monday')
+    for path in (tmp_path, tmp_path / name):
+        with pytest.raises(InvalidData, match=re.escape(f'{tmp_path / name}: {words}')):
+            open_run(path)

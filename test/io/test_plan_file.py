@@ -10,7 +10,7 @@ from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.scheme import ORDERS, plan
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
 
-COLUMNS = ('table_position', 'ball', 'cmm_position', 'approach', 'touches', 'session')
+COLUMNS = ('table_position', 'ball', 'cmm_position', 'approach', 'touches', 'session', 'wait')
 YAML = 'schema: rosette-plan/1\nballs: 6\nradius_mm: 182.5\n'
 HEAD = '# schema: rosette-plan/1\n# balls: 6\n# radius_mm: 182.5\n'
 
@@ -22,10 +22,12 @@ def same(one, other):
 
 @pytest.mark.parametrize('order', ORDERS)
 def test_what_is_written_is_read_again(order):
-    """Every order, touches and pauses included."""
+    """Every order, touches, pauses and waits included; a plan without waits has no column of them."""
     scheme = plan(7, order, seed=2)
     size = scheme.ball.size
     made = MeasuringPlan(replace(scheme, touches=np.full(size, 8), session=1 + np.arange(size) // 20), 0.1825)
+    assert 'wait_s' not in format_plan(made)
+    made = replace(made, scheme=replace(made.scheme, wait=np.where(np.arange(size) == 9, 62.5, 0)))
     again = parse_plan(format_plan(made).encode(), 'plan')
     assert same(again.scheme, made.scheme) and (again.scheme.order, again.radius) == (order, 0.1825)
 
@@ -89,6 +91,10 @@ SIX = plan(6)
      'row 2: session: wanted 1 in the first row and one more after each pause, got 3'),
     (rows_of(SIX, with_third([0, 7]), 'table_position,ball,touches'),
      'row 2: touches: wanted one of 6, 8, 9, 12, 16, 20, or 0 for as many as the CMM usually makes, got 7'),
+    (rows_of(SIX, with_third([0, -1]), 'table_position,ball,wait_s'),
+     'row 2: wait_s: wanted a number of seconds in 0..86400, got -1'),
+    (rows_of(SIX, with_third([0, 'long']), 'table_position,ball,wait_s'),
+     "row 2: wait_s: wanted a number of seconds in 0..86400, got 'long'"),
     (HEAD + '# order: Über\n' + rows_of(SIX)[len(HEAD):], "order: wanted a name of at most 40 small letters"),
     (rows_of(SIX, lambda rows: 5556 * rows), 'too large: wanted at most 200000 readings, got 200016'),
     (rows_of(SIX, lambda rows: [row for row in rows if row[0] != 4]),

@@ -17,7 +17,7 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
 from rosette_ros.io.open_run import open_run
-from rosette_ros.io.reading_checks import check_answers
+from rosette_ros.io.reading_checks import check_answers, remarks_on_run
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.verdict_words import verdict_text
@@ -101,6 +101,23 @@ def test_a_temperature_that_was_not_measured_is_a_doubt(unmeasured):
     [words] = verdict.remarks
     assert re.match(r'the temperature is 0 °C in \d+ of 36 readings; was it measured\? ', words)
     assert verdict.level != Level.GOOD
+
+
+def test_a_gap_of_an_hour_is_said():
+    """A clock that is set to summer time, or a run that was interrupted: where, and how long; a stated pause is none,
+    nor is a slow CMM."""
+    run = Machine(MachineConfig().changed(seed=2, plate={'balls': N})).run(plan(N, 'random'))
+    later = np.arange(run.size) >= 20
+    for hours, also in ((1, 0), (2, 0), (1, 1)):
+        gone = run.replace(time=run.time + 3600.0 * hours * later + 3600.0 * also * (np.arange(run.size) >= 30))
+        [words] = remarks_on_run(gone)
+        minutes = (gone.time[20] - gone.time[19]) / 60
+        assert words.startswith(f'much time lies between readings 20 and 21 ({minutes:.0f} min)')
+        assert (', 30 and 31 (' in words) == bool(also) and 'was the clock changed' in words
+        table = parse_csv(format_csv(gone).encode())
+        assert table.remarks == (words,) and judge(table).level != Level.GOOD
+    assert remarks_on_run(run.replace(time=run.time + 3600.0 * later, session=1 + later)) == ()
+    assert remarks_on_run(run.replace(time=3000.0 * np.arange(run.size))) == ()
 
 
 @pytest.mark.parametrize(('factor', 'unit'), [(1e9, 'ns'), (1e6, 'µs'), (1e3, 'ms'), (1 / 3600, 'hours')])

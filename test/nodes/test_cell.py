@@ -173,8 +173,8 @@ def test_log_names_the_services_whose_traffic_it_holds(calibrated):
     assert {name.removesuffix('/_service_event') for name in events if name.endswith('/_service_event')} == {
         f'/rosette/{name}' for name in (
             'start_calibration', 'cancel_calibration', 'evaluator/diagnose', 'evaluator/add_effect',
-            'evaluator/remove_effect', 'evaluator/evaluate_jointly', 'recorder/start_recording',
-            'recorder/stop_recording')}
+            'evaluator/remove_effect', 'evaluator/evaluate_jointly', 'evaluator/next_readings',
+            'recorder/start_recording', 'recorder/stop_recording')}
 
 
 def test_metadata_names_qos_and_hashes(calibrated):

@@ -49,7 +49,7 @@ def process_of(cell, wait_until, *command, **settings):
             raise
 
 
-def run_with(cmm, cell, domain, wait_until):
+def run_with(cmm, cell, domain, wait_until, **goal):
     """Run calibrations until one succeeds; return its Outcome.
 
     A CMM without a status does not know whom it has found: those that have not found it yet miss its first answers.
@@ -58,7 +58,7 @@ def run_with(cmm, cell, domain, wait_until):
 
     def succeeded():
         with contextlib.suppress(CellError):
-            outcomes.append(client.calibrate(options=OPTIONS, check=cell.check))
+            outcomes.append(client.calibrate(options=OPTIONS, check=cell.check, **goal))
         assert cmm.poll() is None
         return outcomes and outcomes[-1].success
 
@@ -105,8 +105,9 @@ def documented_cmm(cell, module_domain_id, tmp_path, wait_until):
 
 
 def test_documented_example_takes_the_place_of_the_simulated_cmm(documented_cmm, cell, module_domain_id, wait_until):
-    """What docs/real-cmm.md says is enough."""
-    outcome = run_with(documented_cmm, cell, module_domain_id, wait_until)
+    """What docs/real-cmm.md says is enough, for a run that goes on until nothing is open, too."""
+    outcome = run_with(documented_cmm, cell, module_domain_id, wait_until, until_probability=0.95)
+    assert 'settled: ' in outcome.message
     run = read_log(outcome.log).to_run()
     assert run.is_complete
     assert np.abs(outcome.error_motions.values).max() < 1e-12

@@ -7,21 +7,24 @@ import numpy as np
 import pytest
 import yaml
 from rclpy.serialization import deserialize_message
-from rosette_msgs.msg import Diagnosis, ErrorMotions
-from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, RemoveEffect
+from rosette_msgs.msg import Block, Diagnosis, ErrorMotions
+from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, NextReadings, RemoveEffect
 
 from rosette_ros.analysis import analyse, diagnose, evaluate_jointly
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.next_readings import next_readings
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import verdict_of
 from rosette_ros.io.open_run import open_readings
+from rosette_ros.nodes.conversions import block_message
+from rosette_ros.words.settling_words import block_words, standing_words
 from rosette_ros.words.verdict_words import verdict_text
 
 N = 6
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
 TYPES = {'diagnose': Diagnose, 'add_effect': AddEffect, 'remove_effect': RemoveEffect,
-         'evaluate_jointly': EvaluateJointly}
+         'evaluate_jointly': EvaluateJointly, 'next_readings': NextReadings}
 
 
 @pytest.fixture(scope='module')
@@ -67,7 +70,7 @@ def unasked(ask):
     """Return the answers of an evaluator that has no run yet."""
     return {'diagnose': ask('diagnose'), 'add_effect': ask('add_effect', effect='frame_drift'),
             'remove_effect': ask('remove_effect', effect='frame_drift'),
-            'evaluate_jointly': ask('evaluate_jointly')}
+            'evaluate_jointly': ask('evaluate_jointly'), 'next_readings': ask('next_readings')}
 
 
 @pytest.fixture(scope='module')
@@ -139,6 +142,22 @@ def test_a_joint_evaluation_is_answered_and_published(calibrated, ask, wait_unti
     assert refused[1] == "seat: wanted one of free, plane, pilot, both, or nothing, got 'flat'"
     assert refused[2].startswith(f'run_id: wanted one of {calibrated.run_id}')
     assert 'wanted different runs, got the same ball centres in both' in refused[3]
+
+
+def test_next_readings_are_those_of_the_log(calibrated, ask):
+    """As offline, bit for bit, however often; other readings, and other blocks than the refused ones."""
+    wanted = {'readings': 5, 'until_probability': 1 - 1e-9}
+    answer = ask('next_readings', run_id=calibrated.run_id, **wanted)
+    assert answer.success and not answer.settled, answer.message
+    offline = next_readings(read_log(calibrated.log).to_run(), readings=5, until=1 - 1e-9)
+    assert answer.block == block_message(offline.targets) and 0 < len(answer.block.ball) <= 5
+    assert (answer.text, answer.message) == (standing_words(offline), block_words(offline))
+    assert ask('next_readings', **wanted) == answer
+    assert ask('next_readings', refused=[answer.block], **wanted).block not in (answer.block, Block())
+    enough = ask('next_readings', until_uncertainty=1.0)
+    assert enough.settled and enough.block == Block()
+    assert ask('next_readings', readings_hash='other').message.startswith(
+        f"run {calibrated.run_id}: wanted readings with the hash 'other', got '")
 
 
 def test_diagnose_answers_as_the_log_says(answers, calibrated):

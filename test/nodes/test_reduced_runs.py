@@ -67,7 +67,7 @@ def test_a_plan_file_with_a_pause(client):
     scheme = replace(plan(N, 'random', 4), order='mine', touches=np.where(np.arange(N * N) % 5, 20, 8),
                      session=1 + np.arange(N * N) // 20)
     part = replace(scheme, **{name: getattr(scheme, name)[:33] for name in (
-        'table_position', 'ball', 'approach', 'touches', 'session')})
+        'table_position', 'ball', 'approach', 'touches', 'session', 'wait')})
     first = client.calibrate(plan=format_plan(MeasuringPlan(part, 0.1825)))
     assert not first.success and PAUSE in first.message and first.run_id.endswith('_mine')
     second = client.calibrate(resume=str(first.log))

@@ -27,7 +27,7 @@ ENCLAVES = {'sequencer': ('sequencer',), 'cmm': ('cmm',), 'evaluator': ('evaluat
             'watcher': ('studio_*', '_ros2cli_*')}
 """Enclave to the nodes that run in it; * stands for what is drawn at the start."""
 BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, names.ADD_EFFECT, names.REMOVE_EFFECT,
-           names.EVALUATE_JOINTLY, names.RECOVER)
+           names.EVALUATE_JOINTLY, names.NEXT_READINGS, names.RECOVER)
 EXTRAS = {
     'cmm': {*(pair for name in (names.RECOVER,) for pair in (
         (HEAR, f'rq/rosette/{name}Request'), (SAY, f'rr/rosette/{name}Reply')))},

@@ -53,7 +53,7 @@ def test_visibility_names_what_is_hidden_and_what_is_not_judged():
                      for shares in ([0.8, 0.01, 0.0, 0.0], [0.9, 0.2, 0.0, 0.7]))
     made = comparison_plots.visibility(present, best)
     texts = {text.get_text(): text for panel in made.axes for text in panel.texts}
-    assert texts['not visible'].get_color() != texts['not judged'].get_color()
+    assert texts['hidden'].get_color() != texts['not judged'].get_color()
     assert widths(made) == pytest.approx([0.8, 0.01, 0.0, 0.0])
     filled, hollow = made.axes[0].patches
     assert filled.get_facecolor() != hollow.get_facecolor() == made.legends[0].legend_handles[1].get_facecolor()
@@ -113,7 +113,7 @@ STYLE = 'font.family: serif\nfont.size: 22\naxes.facecolor: black\nsavefig.trans
 
 @pytest.mark.parametrize(('settings', 'place'), [
     (STYLE, 'named'), (STYLE, 'here'), ('text.usetex: True\nfont.family: Nonexistent\n', 'named'),
-    ('# no UTF-8: \xb5\n', 'named')])
+    ('# no UTF-8: \xb5\n', 'named'), ('# no UTF-8: \xb5\n', 'here'), ('svg.fonttype: broken\n\xff\xfe', 'here')])
 def test_a_figure_is_the_same_whatever_the_matplotlibrc_says(tmp_path, settings, place):
     """Fonts that are not there, TeX, another look: they are for the figures of their owner."""
     (tmp_path / 'matplotlibrc').write_text(settings, encoding='latin-1')

@@ -32,10 +32,11 @@ def test_the_page_shows_curves_reversal_knowledge_and_tests():
     result = joint(simulated_run('there_and_back'), simulated_run('diagonal'))
     assert list(joint_pictures(result)) == ['curves', 'reversal']
     page = joint_html(result, command='rosette report A B --joint')
-    for words in ('fit one model: residual', 'the reversal of all six curves, with its means', 'not known</h2>',
-                  'once-per-turn part of (ctx, cty): eccentricity', 'probability that it is noise',
+    for words in (' in a laboratory: residual', 'the reversal of all six curves, with its means',
+                  'conditions of validity</h2>', 'once-per-turn part of (ctx, cty): eccentricity', 'p-value',
                   'Means of the reversal curves',
-                  'table motions', 'the readings are those of a simulated CMM', 'rosette report A B --joint'):
+                  'error motions of the table', 'the readings are those of a simulated CMM',
+                  'rosette report A B --joint'):
         assert words in page, words
     tables = {table.name: table for table in joint_tables(result, Identity())}
     assert len(tables['means'].rows) == 6
@@ -53,9 +54,9 @@ def test_the_conclusion_follows_the_tests():
     assert 'The 2 runs fit one model without: ' in conclusion_text(part).sentence
     bad = conclude(joint(first, other, plate=('1', '1'), clamping=('1', '2'), table=('1', '2')))
     assert (bad.level, bad.outcome) == ('bad', JointOutcome.CONTRADICTED) and 'plate' in bad.items
-    assert 'contradict what was declared the same: plate deviations' in conclusion_text(bad).sentence
+    assert 'contradict what was declared the same: ball centre deviations' in conclusion_text(bad).sentence
     unknown = conclude(joint(first.replace(repeatability=None)))
-    assert conclusion_text(conclude(joint(first))).sentence.startswith('The run fits one model: ')
+    assert conclusion_text(conclude(joint(first))).sentence.startswith('The run fits one model')
     assert dict(joint_rows(joint(first)))['Known'] == 'beyond what one run knows: nothing; it is one run'
     one = joint_json(joint(first, other, plate=('1', '2')))['tests']
     assert all((test['f'] is None) == (test['p'] is None) for test in one)

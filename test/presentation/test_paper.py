@@ -159,19 +159,21 @@ def test_the_report_is_three_pages(printed):
     pages = (
         [*simulated, 'VDI/VDE 2617', 'What to do:', 'U: k = 2', 'Figure 1.', *(2 * curves), 'bands: U (k = 2)'],
         ['Figure 2.', 'Residual by group', 'What this run could have shown', 'Order random'],
-        ['What was measured', 'Three-rosette method', 'Repeatability', 'Temperature', 'Start of the log', 'Order',
-         'Model', 'Uncertainty budget (GUM)', 'No value is stated for', 'What is not known',
-         'once-per-turn part of (ctx, cty)',
+        ['Measurement: method and conditions', 'Three-rosette method', 'Repeatability', 'Temperature',
+         'Start of the log', 'Sequence', 'Model', 'Uncertainty budget (GUM)', 'No value is stated for',
+         'Limitations and conditions of', 'once-per-turn part of (ctx, cty)',
          'Software rosette_ros'])
     if kind in ('identified', 'three'):
-        pages[0].extend(['tolerance', 'not decidable', 'Decision rule: ISO 14253-1'])
+        pages[0].extend(['tolerance', 'neither proven', 'Decision rule: ISO 14253-1'])
         pages[2].extend(['Messlabor Süd, Ring 1', 'No. T-0815', 'EXC 50 µm', 'place, date', 'signature',
                          'B. Leiter, head of laboratory'])
     if kind != 'clean':
-        pages[0].extend(['SYSTEMATIC EFFECT FOUND', MEANINGS['frame_drift'].look, 'with the cause found'])
+        pages[0].extend(['SYSTEMATIC EFFECT FOUND', MEANINGS['frame_drift'].look, 'all explanations averaged'])
     for sheet, wanted in zip(sheets, pages, strict=False):
         squeezed = re.sub(r'\s', '', sheet.text).lower()
         assert [one for one in wanted if re.sub(r'\s', '', one).lower() not in squeezed] == []
+    for key in ('Repeatability', 'Uncertainties', 'Software'):
+        assert re.search(rf'\b{key}\b', sheets[2].text), f'{key} is broken within the word'
     assert [number for number, sheet in enumerate(sheets, 1) if 'Annex A:' in sheet.text] == [4] * (kind == 'annexed')
 
 

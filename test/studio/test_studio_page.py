@@ -21,7 +21,7 @@ def number(page, mark):
 def test_add_the_missing_effect_and_take_it_out_again(shared_page):
     """Verdict, first candidate, error down to the noise, undo by removing."""
     page = shared_page
-    expect(page.get_by_test_id('verdict-sentence')).to_contain_text('drift of the probe relative to the table')
+    expect(page.get_by_test_id('verdict-sentence')).to_contain_text('linear probe drift')
     expect(page.get_by_test_id('simulated')).to_contain_text('SIMULATED: the readings are those of a simulated CMM')
     before, noise = number(page, 'rms-fit'), number(page, 'rms-noise')
     assert before > 1.5 * noise
@@ -204,7 +204,7 @@ def test_a_second_run_is_uploaded_laid_over_and_checked(page, studio, second):
     expect(page.get_by_test_id('overlay-result')).to_contain_text('with U (k = 2) of both runs')
     page.get_by_text('Check on a second run').click()
     page.get_by_test_id('check-go').click()
-    expect(page.get_by_test_id('check-result')).to_contain_text('Drift of the probe relative to the table is confirmed')
+    expect(page.get_by_test_id('check-result')).to_contain_text('Linear probe drift is confirmed')
 
 
 def test_a_run_is_opened_by_its_path_and_another_is_chosen(shared_page, second):

@@ -219,7 +219,7 @@ def test_a_model_that_the_run_cannot_determine_has_a_verdict(controller, run):
     controller.act(controller.session.add, 'frame_drift')
     in_loop(controller.refresh())
     assert verdict_text(controller.session.results.verdict).action == (
-        'Measure the missing balls, or remove drift of the probe relative to the table from the model.')
+        'Measure the missing balls, or remove linear probe drift from the model.')
 
 
 def test_a_mistake_of_the_program_is_shown(controller, run, monkeypatch):

@@ -34,9 +34,9 @@ def test_the_card_and_both_models_are_shown(monkeypatch):
         'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL', 'probability', 'what moves, with what', 'likeliest law', 'size',
         'possible origin')]
     assert places == sorted(places)
-    for begin in ('the probe moves by ', 'the probe moves with time', 'drift of the probe relative to the table ('):
+    for begin in ('the probe moves by ', 'the probe moves with time', 'linear probe drift ('):
         assert any(words.startswith(begin) for words in found), begin
     assert not any('rosette ' in words for words in found)
-    assert ['as modelled now', 'with the cause found'] in [
+    assert ['as modelled now', 'all explanations averaged'] in [
         [one.name for one in curves] for curves in drawn if isinstance(curves, list)]
-    assert 'range, with the cause found' in found
+    assert 'range, all explanations averaged' in found

@@ -9,13 +9,13 @@ import pytest
 
 from rosette_ros.core.diagnosis.diagnosis import Unnamed
 from rosette_ros.core.diagnosis.posterior import Cause
-from rosette_ros.core.diagnosis.verdict import MissingEffect, Outcome, Residual, Verdict
+from rosette_ros.core.diagnosis.verdict import MissingEffect, Moment, Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.core.stated_environment import Unseen
 from rosette_ros.presentation.formatting import glued
-from rosette_ros.words.effect_words import between_words
+from rosette_ros.words.effect_words import minutes_words
 from rosette_ros.words.verdict_words import (
     HEADLINES,
     MOVES,
@@ -29,10 +29,19 @@ from rosette_ros.words.verdict_words import (
 )
 
 PACKAGE = Path(__file__).parents[2] / 'rosette_ros'
-PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'observable share', 'searched values', 'Judged is',
+PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'searched values', 'Judged is',
            'stands twice; remove', 'norm of the part', 'NAMED EFFECT', 'is expected;', 'Bias of the curves per',
-           'ct without it', 'p (noise alone)', 'are free of:', 'No three-rosette run can know')
-"""Of these each interface says what the reader sees instead."""
+           'ct without it', 'p (noise alone)', 'are free of:', 'No three-rosette run can know',
+           'probability that it is noise', 'in the cell, or add', 'error falls', 'error rises',
+           'cross-validation error', 'six errors', 'once per turn', 'peak to valley', 'U of a point', 'U of each angle',
+           'deviations of the CMM', 'deviations of the plate', 'observable share', 'observable part', 'visible part',
+           'visible share', 'hardly shows', 'can hardly show', 'find the cause', 'look at |', 'Where to look',
+           'Place, days', 'What was calibrated', 'What is not known', 'an auditor asks', 'pages are for reading',
+           'a bound, not an estimate', 'if left out', "'in rms'", 'envelope is shut', 'What was hidden',
+           "'time, sequence'", 'consecutive readings are', 'takes them off', 'takes it off', 'the table does wrong',
+           'most like ', 'follows the temperature', 'behind the temperature', 'between two seats',
+           'until it has soaked', 'growth of the table', 'sudden shift', 'offset of a ball', 'KeyError:', 'TypeError:')
+"""Of these each interface, and the documentation, says what a metrologist says instead."""
 ALIKE = (('time', 'temperature', 'touches', 'travel'),)
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
 
@@ -68,7 +77,7 @@ def cause(bodies, variables, probability, laws, is_certain=False):
 def slip():
     """Return ball 11, that slips, or creeps."""
     sizes = tuple(Parameter(f'd_{axis}', value, 1e-8, 'm') for axis, value in zip('xyz', (1.9e-6, -1e-9, 4e-7)))
-    return MissingEffect('ball_slip', Setting(ball=11, t0=2600.0), {'t0': (2244.0, 2982.0)},
+    return MissingEffect('ball_slip', Setting(ball=11, t0=2600.0), {'t0': Moment(2244.0, 2982.0, 69, 74, 0.967)},
                          cause('ball 11', (('time', 'touches'),), 0.996, {'ball_slip': 0.955, 'ball_creep': 0.041}),
                          (('ball_creep', 0.041), ('ball_rattle', 0.05)), 0.996, sizes)
 
@@ -78,17 +87,18 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     significant is said of its axes; what a run cannot tell apart is said once."""
     text = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (slip(),), hidden=('table_backlash',)))
     assert text.sentence == (
-        'Ball 11 moves with time (99 %), most like slip of one ball (96 %), creep of one ball (4 %). With it the '
+        'Ball 11 moves with time (99 %), most likely slip of one ball (96 %), creep of one ball (4 %). With it the '
         'residual standard deviation falls from 0.360 µm to 0.102 µm (repeatability 0.0910 µm).')
-    assert text.limits == ('This run cannot tell slip of one ball from one ball between two seats (5 %).',
+    assert text.limits == ('This run cannot tell slip of one ball from loose ball (5 %).',
                            'This run could not have shown backlash of the table.')
-    assert does_words(slip()) == 'ball 11 moves by 1.90 µm in x, 0.40 in z between 37.4 and 49.7 min'
-    assert between_words(60.0, 61.0) == 'between 1 and 1.017 min'
+    assert does_words(slip()) == (
+        'ball 11 moves by 1.90 µm in x, 0.40 in z between readings 69 and 74 (37.4 to 49.7 min, 97 %)')
+    assert minutes_words(60.0, 61.0) == '1 to 1.017 min'
     assert (chance(0.9999), chance(1e-5)) == ('99 %', '1 %')
 
 
 @pytest.mark.parametrize(('one', 'wanted'), [
-    (MissingEffect('plate_deviations'), 'deviations of the plate'),
+    (MissingEffect('plate_deviations'), 'ball centre deviations'),
     (replace(slip(), cause=replace(slip().cause, law_certain=True)), 'slip of one ball, ball 11 (96 %)'),
     (MissingEffect('outlier', Setting(reading=48), {}, cause(
         'reading 48', (('reading',),), 0.97, {'outlier': 0.97}, is_certain=True)),
@@ -96,14 +106,14 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     (MissingEffect('frame_drift', {}, {}, cause(
         'frame', ALIKE, 0.99, {'frame_drift': 0.61, 'frame_warmup': 0.36, 'frame_step': 0.01})),
      'the probe moves with time (99 %), most '
-     'like drift of the probe relative to the table (61 %), warm-up of the machine (36 %)'),
+     'likely linear probe drift (61 %), warm-up of the machine (36 %)'),
     (MissingEffect('frame_drift', {}, {}, cause('frame', (('time', 'travel'),), 0.99, {
         'frame_drift + frame_cycle': 0.8, '': 0.19})),
-     'the probe moves with time (99 %), most like drift of the '
-     'probe relative to the table and periodic motion of the machine (80 %), no law of the library (19 %)'),
+     'the probe moves with time (99 %), most likely linear probe drift '
+     'and periodic drift of the machine (80 %), no law of the library (19 %)'),
     (MissingEffect('frame_drift', {}, {}, cause('frame', ALIKE, 0.5, {'frame_drift': 0.5}),
                    (('table_zero_drift', 0.42),), 0.92),
-     'drift of the probe relative to the table (50 %), or drift of the table\'s angle (42 %)')])
+     'linear probe drift (50 %), or angular drift of the table (42 %)')])
 def test_what_is_missing_is_said_as_far_as_it_is_known(one, wanted):
     """Its name where the law is certain; what moves with what and the likeliest laws where that is surer than the
     names; else the names, each with its probability."""
@@ -114,8 +124,8 @@ def test_what_is_less_than_sure_is_suspected():
     """Its headline says so, and there is something to do; without a name, too, and beside what is surer."""
     one = replace(slip(), cause=replace(slip().cause, probability=0.8), together=0.8)
     text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, (one,)))
-    assert text.sentence.startswith('Ball 11 moves with time (80 %), most like slip of one ball (96 %)')
-    assert text.action == 'Find it in the cell, or add it to the model.'
+    assert text.sentence.startswith('Ball 11 moves with time (80 %), most likely slip of one ball (96 %)')
+    assert text.action == 'Eliminate the cause and repeat the measurement, or include it in the evaluation model.'
     assert HEADLINES[text.outcome] == 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL'
     text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, unnamed=(unnamed('plate growing', ['time']),)))
     assert text.sentence.startswith('Something makes the plate grow or shrink with time; the library has no name')
@@ -139,7 +149,9 @@ def test_numbers_keep_their_units():
 
 def test_words_that_a_metrologist_would_not_use_are_gone():
     """From all that people read; and no shell command from studio, report and certificate."""
-    found = [(path.name, word) for path in PACKAGE.rglob('*') if path.suffix in ('.py', '.j2')
+    read = [path for folder in ('rosette_ros', 'docs', 'config') for path in (PACKAGE.parent / folder).rglob('*')
+            if path.suffix in ('.py', '.j2', '.md', '.yaml')]
+    found = [(path.name, word) for path in (*read, PACKAGE.parent / 'README.md')
              for word in PRIVATE if word in path.read_text('utf-8')]
     commands = [(path.name, word) for folder in ('words', 'studio', 'presentation')
                 for path in (PACKAGE / folder).rglob('*') if path.suffix in ('.py', '.j2')
@@ -157,8 +169,8 @@ def test_a_verdict_says_what_u_lacks_or_has_of_what_the_order_hides():
     has = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
         'workshop', 'crz', 3e-7, 4.4e-6, 'table_zero_drift', 0.97)))
     assert has.sentence.startswith('The model fits, with what this order cannot show in U (environment: workshop): ')
-    assert has.sentence.endswith("Most of U of crz is what this order cannot show, first of all drift of the table's "
-                                 'angle.')
+    assert has.sentence.endswith('Most of U of crz is what this order cannot show, first of all angular drift of the '
+                                 'table.')
     assert has.action == 'Measure in the order sensitive.'
     small = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
         'laboratory', 'crz', 3e-7, 3.1e-7, 'table_zero_drift', 0.1)))

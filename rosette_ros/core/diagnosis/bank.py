@@ -339,12 +339,12 @@ class Bank:
                 yield piece.key, piece.place, np.pad(made, ((0, 0), (0, piece.key[0] - made.shape[1]), (0, 0)))
 
     def seen(self, left: Mapping[Key, Reals]) -> dict[Key, Floats]:
-        """Return the visible share of each block of each group, (b,); left: of `left`."""
+        """Return the sensitivity to each block of each group, (b,); left: of `left`."""
         return {key: np.sqrt(np.maximum(np.trace(left[key], axis1=1, axis2=2), 0) / np.maximum(group.rank, 1))
                 for key, group in self.groups.items()}
 
     def shares(self, left: Mapping[Key, Reals]) -> list[Floats]:
-        """Return the visible share of each setting of each family; left: of `left`."""
+        """Return the sensitivity to each setting of each family; left: of `left`."""
         out = [np.zeros(len(family.settings)) for family in self.families]
         for key, seen in self.seen(left).items():
             group = self.groups[key]

@@ -5,7 +5,7 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import BASE_TERMS
@@ -20,7 +20,7 @@ def f_test(before: Fit, after: Fit) -> float:
     extra, left = after.rank - before.rank, max(after.rms**2 * after.dof, 1e-300)
     if extra <= 0:
         return 1.0
-    return float(special.fdtrc(extra, after.dof, max(before.rms**2 * before.dof - left, 0.0) / extra
+    return float(scipy.special.fdtrc(extra, after.dof, max(before.rms**2 * before.dof - left, 0.0) / extra
                                / (left / after.dof)))
 
 

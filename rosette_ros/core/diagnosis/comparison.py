@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.bank import Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
@@ -89,13 +89,16 @@ class Comparison:
 
     @property
     def distinct(self) -> tuple[Grouping, ...]:
-        """The groupings; one of time and sequence where they differ by a reading at each boundary of parts at most."""
+        """The groupings, parts of the run in words; one of time and sequence where they differ by a reading at each
+        boundary of parts at most."""
         parts = {label: index for label, index, _ in places(self.fit.run)}
         *others, time, sequence = self.groupings
+        times = [f'between {key.replace("-", " min and ")}' for key in time.keys]
+        readings = [f'readings {key.replace("-", " to ")}' for key in sequence.keys]
         if np.count_nonzero(parts['time'] != parts['sequence']) >= len(time.keys):
-            return self.groupings
-        both = [f'{minutes}, readings {numbers}' for minutes, numbers in zip(time.keys, sequence.keys, strict=True)]
-        return (*others, replace(time, label='time, sequence', keys=tuple(both)))
+            return (*others, replace(time, keys=tuple(times)), replace(sequence, keys=tuple(readings)))
+        both = tuple(f'{one} ({some})' for one, some in zip(times, readings, strict=True))
+        return (*others, replace(time, keys=both))
 
 
 def compare(fitted: Fit, seed: int = 0) -> Comparison:
@@ -143,7 +146,7 @@ def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
     total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
     value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
     mean, sd = value[1:].mean(), value[1:].std()
-    return float(value[0] - mean), float(2 * special.ndtr(-abs(value[0] - mean) / sd))
+    return float(value[0] - mean), float(2 * scipy.special.ndtr(-abs(value[0] - mean) / sd))
 
 
 def _worst(fitted: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:

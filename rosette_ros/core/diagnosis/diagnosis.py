@@ -15,9 +15,9 @@ import numpy as np
 from rosette_ros.core.diagnosis.bank import Bank, families_of, why_not_judged
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import Candidate, candidates_of
-from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
+from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of, moments_of
 from rosette_ros.core.diagnosis.hypotheses import Search
-from rosette_ros.core.diagnosis.log_evidence import Member, State, with_priors
+from rosette_ros.core.diagnosis.log_evidence import Member, Place, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, kinds_beside
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of, p_of_tail
 from rosette_ros.core.diagnosis.posterior import CLAIM, STANDS, Cause, Claim, Posterior, course_of, motion_of
@@ -26,12 +26,13 @@ from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import moving_bodies
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
 from rosette_ros.core.model.surroundings import unseen
+from rosette_ros.core.planning.visibility import strongest_first
 from rosette_ros.core.records import Floats, Run, resolution_of
 
 GUARD = 0.05
@@ -39,6 +40,8 @@ GUARD = 0.05
 model is needed: what users were promised."""
 NEAR_LAW = 0.05
 """Share of its log likelihood, and at least 2, by which another law of the same motion has to be worse."""
+LIKELY = 0.03
+"""Probability of an explanation from which on it is fitted: less likely ones are of effects that an environment has."""
 HOPEFUL = 12
 """Sets of variables whose free courses are looked at under other noise: those that explain most in white noise."""
 
@@ -102,7 +105,9 @@ class Finding:
     def verdict(self) -> Verdict:
         """The one decision."""
         found = decide(self.fit, self.final, self.missing, self.unnamed, self.claims, self.of_terms, self.doubtful,
-                       self.invisible, self.not_needed)
+                       strongest_first(self.fit.run, self.invisible, self.model.base), self.not_needed,
+                       [moments_of(self.final, place)
+                        for place in range(len(self.fit.effects), len(self.final.effects))])
         return found if found.model_fails else replace(found, unseen=unseen(self.final))
 
     @property
@@ -241,9 +246,12 @@ class RunSearch:
 
     def with_members(self, members: Sequence[Member]) -> Fit:
         """Return the joint fit of the model with members added, under the noise of the run."""
-        terms = tuple(Term(one.family.effect) for one in members)
+        return self._with_places([one.place for one in members])
+
+    def _with_places(self, places: Sequence[Place]) -> Fit:
+        terms = tuple(Term(family.effect) for family, _ in places)
         model = replace(self.base.model, terms=(*self.base.model.terms, *terms), repeated=True)
-        return fit(self.run, model, (*self.base.settings, *(one.setting for one in members)), self.base.noise,
+        return fit(self.run, model, (*self.base.settings, *(setting for _, setting in places)), self.base.noise,
                    self.base.joint.space)
 
     @cached_property
@@ -276,8 +284,13 @@ class RunSearch:
     def _is_certain(self, cause: Cause) -> bool:
         """Return whether no other law of the motions of a cause is near its own by likelihood.
 
-        Beside a motion without a name none is certain: what has no law of the library may be a part of it."""
+        Beside a motion without a name none is certain: what has no law of the library may be a part of it; nor beside
+        another cause of the same motion: two laws may be parts of one that the library does not have."""
         if not cause.names or cause.law_probability < SURE or any(one.family.is_free for one in self.chosen.members):
+            return False
+        motions = [motion_of(self.run, place) for place in cause.places]
+        if any(motion.agrees(motion_of(self.run, one.place)) for one in self.chosen.members
+               if one.place not in cause.places for motion in motions):
             return False
         for place, one in enumerate(self.chosen.members):
             if one.place in cause.places:
@@ -369,7 +382,8 @@ class RunSearch:
         missing = tuple(dict.fromkeys([*self.absent, *(one.name for one in members)]))
         return Finding(
             self.model, self.start, self._final, missing,
-            tuple(Term(one.family.effect, one.setting) for one in members), tuple(dict.fromkeys(claims)), self.said,
+            tuple(Term(one.family.effect, one.setting, True) for one in members), tuple(dict.fromkeys(claims)),
+            self.said,
             tuple(self._cause_of(one) for one in members),
             tuple(one for one in self.posterior.claims if one not in claims), self._unnamed(), self._invisible(missing),
             self._not_needed(), tuple(Explanation(names, noise, p) for (names, noise), p
@@ -388,8 +402,22 @@ class RunSearch:
 
     @cached_property
     def _final(self) -> Fit:
-        """The fit with all that is claimed."""
-        return self.with_members([one for one, _ in self.claimed])
+        """The fit with all that is claimed, with the curves over all explanations where that is something."""
+        final = self.with_members([one for one, _ in self.claimed])
+        return final.over(self.explained) if self.claimed else final
+
+    @cached_property
+    def explained(self) -> tuple[tuple[float, Fit], ...]:
+        """The likely explanations, up to 95 % together, each with its probability and fit, best first."""
+        out = list[tuple[float, Fit]]()
+        for key, p in self.posterior.explanations():
+            if p < LIKELY and out:
+                break
+            try:
+                out.append((p, self._with_places(self.posterior.places(key))))
+            except NotDeterminable:
+                continue
+        return tuple(out)
 
     @property
     def claimed_effects(self) -> tuple[FittedEffect, ...]:

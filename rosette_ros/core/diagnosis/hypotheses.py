@@ -5,12 +5,12 @@ Neither of two effects may be worth anything alone, so that a search that adds t
 the best setting of each named family is kept in a pool, of which all pairs are scored together.
 """
 
+import math
 from collections.abc import Callable, Collection, Container, Iterator
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement, islice, product
 
 import numpy as np
-import scipy  # which loads `optimize` where it is used: many runs have nothing to refine
 
 from rosette_ros.core.diagnosis.bank import CauseFamily
 from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, Suggestion
@@ -32,6 +32,8 @@ COARSE, FINE = 5e-3, 0.3
 """Share of its bracket to which a parameter is refined, at most and times the square root of what it is worth."""
 ENOUGH = 0.1
 """Log evidence by which an exchange has to be better for another one to be tried."""
+GOLDEN, ROOT_EPSILON = (3 - math.sqrt(5)) / 2, math.sqrt(2.2e-16)
+"""The golden section, and the accuracy with which a minimum can be known."""
 AGAIN = 0.05
 """Share by which what parameters are worth has to grow for them to be refined in turn once more."""
 
@@ -319,8 +321,7 @@ def refined(evidence: Evidence, member: Member, worth: Callable[[Member], float]
             if isinstance(bracket, tuple):
                 # strong effects want it so exact that what is left of them is no structure
                 share = min(COARSE, FINE / max(worth(member), 1.0)**0.5)
-                value = scipy.optimize.minimize_scalar(loss, bounds=bracket, method='bounded', options={
-                    'maxiter': 9 if share == COARSE else 40, 'xatol': share * (bracket[1] - bracket[0])}).x
+                value = minimum(loss, bracket, share * (bracket[1] - bracket[0]), 9 if share == COARSE else 40)
             elif len(bracket):
                 value = min(bracket, key=loss)
             else:
@@ -329,6 +330,44 @@ def refined(evidence: Evidence, member: Member, worth: Callable[[Member], float]
             member = better if worth(better) >= worth(member) else member
         if len(brackets) < 2 or worth(member) <= before + AGAIN * abs(before):
             return member
+
+
+def minimum(loss: Callable[[float], float], bracket: tuple[float, float], tolerance: float, most: int) -> float:
+    """Return the place of a minimum of a function within a bracket, by Brent's method, to a tolerance.
+
+    most: calls of the function. Parabolas through the three best places; where these do not close in, golden section.
+    R. P. Brent, Algorithms for Minimization without Derivatives (1973), chapter 5."""
+    low, high = bracket
+    best = second = third = low + GOLDEN * (high - low)
+    worth = worth_second = worth_third = loss(best)
+    step = before = 0.0
+    for _ in range(most - 1):
+        least = ROOT_EPSILON * abs(best) + tolerance / 3
+        if abs(best - (low + high) / 2) <= 2 * least - (high - low) / 2:
+            break
+        r, q = (best - second) * (worth - worth_third), (best - third) * (worth - worth_second)
+        p, q = (best - third) * q - (best - second) * r, 2 * (q - r)
+        p, q, earlier, before = -p if q > 0 else p, abs(q), before, step
+        if abs(earlier) > least and abs(p) < abs(q * earlier / 2) and q * (low - best) < p < q * (high - best):
+            step = p / q
+            if min(best + step - low, high - best - step) < 2 * least:
+                step = least if best <= (low + high) / 2 else -least
+        else:
+            before = (low if best >= (low + high) / 2 else high) - best
+            step = GOLDEN * before
+        place = best + math.copysign(max(abs(step), least), step)
+        value = loss(place)
+        if value <= worth:
+            low, high = (best, high) if place >= best else (low, best)
+            third, worth_third, second, worth_second = second, worth_second, best, worth
+            best, worth = place, value
+        else:
+            low, high = (place, high) if place < best else (low, place)
+            if value <= worth_second or second == best:
+                third, worth_third, second, worth_second = second, worth_second, place, value
+            elif value <= worth_third or third in (best, second):
+                third, worth_third = place, value
+    return best
 
 
 def _evidence(state: State) -> float:

@@ -30,7 +30,7 @@ Place = tuple[CauseFamily, Setting]
 MANY = 4
 """Columns over rows of members from which on these are the less work."""
 ROUNDING = 1e-5
-"""Square of the visible share of a direction below which single precision says nothing of it."""
+"""Square of the sensitivity to a direction below which single precision says nothing of it."""
 EXPECTED = 1.0
 """Effects that a run which is diagnosed is expected to have: calibrated on simulated clean runs."""
 A_FREE = 0.2
@@ -192,7 +192,7 @@ class Suggestion:
 class Evidence:
     """The readings of a run under a model and a noise, and the bank of candidates.
 
-    y: (3 N,) what the model leaves, white, in units of its rms; dof: its degrees of freedom; shares: visible share of
+    y: (3 N,) what the model leaves, white, in units of its rms; dof: its degrees of freedom; shares: sensitivity to
     each block of each group of the bank.
     """
 

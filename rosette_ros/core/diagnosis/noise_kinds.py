@@ -41,6 +41,10 @@ SHARES = 2.0**np.arange(-6, 7, 2)
 RATIOS = 2.0**np.arange(-2, 2.5, 0.5)
 """Sizes of the noise of z over that of x and y beside a wander that are summed over."""
 WANDER = 'wander'
+LOOKED = 2.0**np.arange(-5, 5.1, 0.25)
+"""Sizes of the noise, squared, over those in equal noise of which the best one counts where kinds are looked at."""
+PROBES, STANDS = 16, 4.0
+"""Draws of white noise, and the square by which, in units of their scatter, a run stands out that may wander."""
 STEPS = 12
 """Steps of variational Bayes at most: it has converged where the evidence grows by less than TOLERANCE."""
 TOLERANCE = 0.3
@@ -95,15 +99,26 @@ class Left:
         return self.beside.run.size - self.space.ranks[0]
 
     @cached_property
+    def _root(self) -> Floats:
+        """The Cholesky factor of the products of the columns, prior included."""
+        rows = self._rows[1:].reshape(len(self._rows) - 1, -1)
+        return np.linalg.cholesky(rows @ rows.T + np.diag(self.beside.precision))
+
+    def freed(self, columns: Floats) -> Floats:
+        """Return columns (m, N, 3) freed of the model and the members, in white coordinates."""
+        rows, free = self._rows[1:], self.space.residual(columns)
+        across = np.tensordot(rows, free, axes=((1, 2), (1, 2)))
+        used = scipy.linalg.cho_solve((self._root, True), across) if len(rows) else across
+        return np.asarray(free - np.tensordot(used.T, rows, axes=1))
+
+    @cached_property
     def fitted(self) -> tuple[Floats, Floats, float, float]:
         """Residual (3 N,), its variance by the fit over sigma^2, (3 N,), square sum and log likelihood; raw units."""
         likelihood, square, amplitude = self.joined
         rows = self._rows.reshape(len(self._rows), -1)
         share = self.space.leverage.reshape(-1).copy()
         if len(amplitude):
-            gram = rows[1:] @ rows[1:].T + np.diag(self.beside.precision)
-            root = np.linalg.cholesky(gram)
-            share += np.sum(scipy.linalg.solve_triangular(root, rows[1:], lower=True)**2, axis=0)
+            share += np.sum(scipy.linalg.solve_triangular(self._root, rows[1:], lower=True)**2, axis=0)
         sd = np.broadcast_to(self.space.whitening.sd, (self.beside.run.size, 3)).reshape(-1)
         return (rows[0] - amplitude @ rows[1:]) * sd, share * sd**2, square, likelihood
 
@@ -167,8 +182,9 @@ class NoiseKinds:
     def found(self, least: float = LEAST) -> list[Found]:
         """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
         white = Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)
-        out = [white, *(self._wander(least) if self._may_wander else ())]
-        made = [one for name in self.groups for one in self._scatter((name,), min(least, LEAST))]
+        least = min(least, LEAST)
+        out = [white, *(self._wander(least) if self._may_wander and self._wanders() else ())]
+        made = [one for name in self.groups if self._hope(name) > least for one in self._scatter((name,), least)]
         single = sorted((one for one in made if one.bound > white.log_evidence), key=lambda one: -one.bound)
         for other in single[1:3]:
             made += self._scatter((*single[0].names, *other.names))
@@ -176,6 +192,37 @@ class NoiseKinds:
         near = max((one.bound for one in made), default=0.0) - NEAR
         out += [self._found(one, place < CLOSE and one.bound > near) for place, one in enumerate(made)]
         return sorted(out, key=lambda one: -one.log_evidence)
+
+    def _hope(self, name: str) -> float:
+        """Return about what a scatter is worth, from the square sums of its groups in the fit of equal noise.
+
+        A group has as many degrees of freedom as that fit leaves it. The size of the noise is the best one."""
+        residual, share, square, _ = self.beside.white.fitted
+        group, dof = self.groups[name], self.beside.dof
+        free, energy = (np.bincount(group, one) for one in (np.maximum(1 - share, 0), residual**2 * dof / square))
+        values = []
+        for nu in degrees_of(name):
+            shape, rate, known = self._prior(name, nu)
+            a = shape + free / 2
+            by_size = dof / 2 * np.log(LOOKED) - np.sum(a * np.log(rate + LOOKED[:, None] / 2 * energy), axis=1)
+            values.append(known + by_size.max() + np.sum(gammaln(a) - gammaln(shape) + shape * np.log(rate)) + dof / 2)
+        return float(log_mean(np.array(values))) + self._each
+
+    def _wanders(self) -> bool:
+        """Return whether readings near in time agree more than in white noise, so that a wander may be worth it.
+
+        Score test of r'K r, K the correlations of a wander, against what the fit leaves of PROBES of white noise."""
+        white, size = self.beside.white, self.run.size
+        drawn = white.freed(np.random.default_rng(0).standard_normal((PROBES, size, 3)))
+        rows = np.concatenate([white.fitted[0].reshape(1, size, 3), drawn])
+        power = np.abs(np.fft.rfft(rows, 2 * size, axis=1))**2
+        lags = np.fft.irfft(power, axis=1)[:, 1:size] / np.sum(rows**2, axis=1, keepdims=True)
+        for phi in MEMORIES[1:5:3]:
+            score = np.einsum('pta,t->pa', lags, phi**np.arange(1, size))
+            off = (score[0] - score[1:].mean(axis=0)) / score[1:].std(axis=0, ddof=1)
+            if np.sum(np.maximum(off, 0)**2) > STANDS:
+                return True
+        return False
 
     def _prior(self, name: str, nu: Floats | float) -> tuple[Floats, Floats, Floats]:
         """Return shapes and rates (..., groups) of the gamma distributions of weights, and log evidence of the check.
@@ -289,7 +336,7 @@ class NoiseKinds:
 
         hope = float(log_mean(np.concatenate([log_bf(tried(phi, SHARES[2:4].tolist())).reshape(-1)
                                               for phi in (0.6, 0.97)])))
-        if hope + self._each < min(least, LEAST):  # too rough to be held against more than white noise
+        if hope + self._each < least:  # too rough to be held against more than white noise
             return
         every = {phi: log_bf(tried(phi, SHARES.tolist())) for phi in MEMORIES}
         equal = np.flatnonzero(RATIOS == 1)

@@ -55,8 +55,9 @@ class Cause:
 
     places: members of the best hypothesis; bodies: what moves, 'frame', 'plate growing', 'ball 7', 'reading 48' ...,
     then what moves the balls alike here;
-    variables: with what, for each variable the set of those that stand for it in this order, itself first; probability:
-    that one of these bodies moves with these variables, by any law; laws: sets of names that do it, likeliest first,
+    variables: with what, for each variable the set of those that stand for it in this order, itself first; or_with:
+    where that is not sure, what they move with in other hypotheses, likeliest first, until it is; probability: that one
+    of these bodies moves with one of these variables, by any law; laws: sets of names that do it, likeliest first,
     empty without a name, each with the probability that it is this; law_certain: whether that of the best hypothesis is
     surely it, no other one of the same motion being near by likelihood.
     """
@@ -67,17 +68,17 @@ class Cause:
     probability: float
     laws: tuple[tuple[tuple[str, ...], float], ...]
     law_certain: bool = False
+    or_with: tuple[tuple[str, ...], ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of its members in the best hypothesis, none where one has no name."""
-        return () if any(family.is_free for family, _ in self.places) else tuple(
-            sorted(family.name for family, _ in self.places))
+        return _law(self.places)
 
     @property
     def alternatives(self) -> tuple[frozenset[str], ...]:
         """Sets of variables that stand for each other: what is said is with one of these."""
-        return tuple(dict.fromkeys(map(frozenset, product(*self.variables))))
+        return tuple(dict.fromkeys(map(frozenset, (*product(*self.variables), *self.or_with))))
 
     def number(self, what: str) -> int | None:
         """Return the number of the ball or reading that moves, None where it is none."""
@@ -165,6 +166,11 @@ def motion_of(run: Run, place: Place) -> MotionOf:
     return MotionOf(bodies, own, {one: frozenset(some) for one, some in standing.items()})
 
 
+def _law(places: Sequence[Place]) -> tuple[str, ...]:
+    """Return the names of members, sorted, none where one has no name."""
+    return () if any(family.is_free for family, _ in places) else tuple(sorted(family.name for family, _ in places))
+
+
 class Posterior:
     """The probabilities of hypotheses; looked: of each the log evidence, its prior included, and its members at their
     best settings."""
@@ -192,17 +198,24 @@ class Posterior:
                 groups.remove(second)
         laws: list[Counter[tuple[str, ...]]] = [Counter() for _ in groups]
         seen: list[Counter[str]] = [Counter() for _ in groups]
+        apart: list[dict[tuple[str, ...], Counter[tuple[str, ...]]]] = [{} for _ in groups]
         heard = [(key, p) for key, p in self.p.items() if p > HEARD]
         for key, p in heard:
-            for k, mine in enumerate(self._assigned(run, self._places[key], groups, motions)):
+            assigned = self._assigned(run, self._places[key], groups, motions)
+            others = [place for place in self._places[key] if not any(place in mine for mine in assigned)]
+            for k, mine in enumerate(assigned):
                 if mine:
-                    is_free = any(family.is_free for family, _ in mine)
-                    laws[k][() if is_free else tuple(sorted(family.name for family, _ in mine))] += p
+                    laws[k][_law(mine)] += p
                     for name in frozenset().union(*(motion_of(run, place).may_be for place in mine)):
                         seen[k][name] += p
+                    continue
+                bodies = frozenset[str]().union(*(motions[one].bodies | motions[one].alike for one in groups[k]))
+                for other in [one for one in others if not bodies.isdisjoint(motion_of(run, one).bodies)][:1]:
+                    others.remove(other)  # the same body moves, with something else
+                    apart[k].setdefault(tuple(sorted(motion_of(run, other).own)), Counter())[_law([other])] += p
         total = sum(p for _, p in heard)
-        return tuple(self._cause(motions, tuple(group), {law: p / total for law, p in own.most_common()}, may_be)
-                     for group, own, may_be in zip(groups, laws, seen))
+        return tuple(self._cause(motions, tuple(group), laws[k], seen[k], apart[k], total)
+                     for k, group in enumerate(groups))
 
     @staticmethod
     def _assigned(run: Run, places: Sequence[Place], groups: Sequence[Sequence[Place]],
@@ -221,9 +234,14 @@ class Posterior:
         return out
 
     @staticmethod
-    def _cause(motions: Mapping[Place, MotionOf], places: tuple[Place, ...], laws: dict[tuple[str, ...], float],
-               may_be: Mapping[str, float]) -> Cause:
-        own, whole = [motions[place] for place in places], sum(laws.values())
+    def _cause(motions: Mapping[Place, MotionOf], places: tuple[Place, ...], laws: Counter[tuple[str, ...]],
+               may_be: Mapping[str, float], apart: Mapping[tuple[str, ...], Counter[tuple[str, ...]]], total: float,
+               ) -> Cause:
+        own, or_with = [motions[place] for place in places], []
+        for other_variables, others in sorted(apart.items(), key=lambda pair: -pair[1].total()):
+            if laws.total() < SURE * total:
+                or_with.append(other_variables)
+                laws = laws + others
         # of several variables those that nearly every explanation has, at least the likeliest
         ranked = sorted({one for motion in own for one in motion.own}, key=lambda one: (-may_be[one], one))
         kept = [one for one in ranked if may_be[one] >= SURE * max(may_be.values())] or ranked[:1]
@@ -232,7 +250,8 @@ class Posterior:
         sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
         every = (*(motion.bodies for motion in own), *(motion.alike for motion in own))
         bodies = dict.fromkeys(body for some in every for body in sorted(some))
-        return Cause(places, tuple(bodies), tuple(reversed(sets.values())), whole, tuple(laws.items()))
+        return Cause(places, tuple(bodies), tuple(reversed(sets.values())), laws.total() / total,
+                     tuple((law, p / total) for law, p in laws.most_common()), or_with=tuple(or_with))
 
     def _is_replaced(self, run: Run, one: Place, other: Place, places: Mapping[Place, MotionOf]) -> bool:
         """Return whether a hypothesis that is not unlikely has one member that agrees with two in their place."""

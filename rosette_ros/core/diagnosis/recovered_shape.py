@@ -16,7 +16,7 @@ from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of, scaled
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Member, State
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES, motions, place_of, variables
-from rosette_ros.core.records import Floats
+from rosette_ros.core.records import Floats, in_time
 
 MOST_POINTS = 200
 
@@ -92,7 +92,8 @@ def _shape(state: State, place: int) -> Shape | None:
         curves.append(ShapeCurve(axis, at_one[0] if at_one else '', both[0], u,
                                  None if member.family.is_free else both[1]))
     return Shape(FREE.name, setting, f'{setting.word("along")} with {setting.word("of")}',
-                 '' if member.family.is_free else member.name, variable.name, variable.unit, variable.values[at],
+                 '' if member.family.is_free else member.name, variable.name, in_time(variable.unit, run.time_unit),
+                 variable.values[at],
                  tuple(curves))
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of
 from rosette_ros.core.diagnosis.base_terms import f_test
@@ -163,7 +163,7 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
         outcome, reason = CONFIRMED, 'it is there'
         if not (p < UNLIKELY / len(pairs) and error_with < error_without):
             outcome = NOT_SEEN
-            reason = ('the cross-validation error does not fall with it' if not error_with < error_without else
+            reason = ('the cross-validation residual does not fall with it' if not error_with < error_without else
                       f'the residual falls with it by no more than chance (p = {p:.2g})')
             if strength < DETECTABLE:
                 outcome, reason = TOO_WEAK, (f'at the size learnt it stands {strength:.1f} sigma above the noise here, '
@@ -179,4 +179,4 @@ def _same_size(learnt: FittedEffect, found: FittedEffect) -> bool:
     """Return whether amplitudes of two runs agree: chi square of their differences, 1 %."""
     squares = [(a.value - b.value)**2 / (a.u**2 + b.u**2) for a, b in zip(learnt.parameters, found.parameters)
                if a.name == b.name and np.isfinite(a.u + b.u) and a.u + b.u > 0]
-    return bool(special.chdtrc(max(len(squares), 1), sum(squares)) > UNLIKELY)
+    return bool(scipy.special.chdtrc(max(len(squares), 1), sum(squares)) > UNLIKELY)

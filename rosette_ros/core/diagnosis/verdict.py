@@ -4,11 +4,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from rosette_ros.core.records import ROUNDED, Floats, Run, resolution_of
+from rosette_ros.core.records import ROUNDED, UNIT_DOUBT, Floats, Run, resolution_of
 from rosette_ros.core.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
@@ -46,6 +46,7 @@ UNEQUAL = 1.3
 class Outcome(StrEnum):
     """What a run decides about a model."""
 
+    UNIT = 'unit of the readings in doubt'
     FITS = 'fits'
     NAMED = 'named effect missing'
     SUSPECTED = 'effect suspected'
@@ -66,7 +67,8 @@ class Level(StrEnum):
 
 
 LEVELS = {
-    Outcome.FITS: Level.GOOD, Outcome.DOUBTFUL_READINGS: Level.DOUBTFUL, Outcome.NAMED: Level.BAD,
+    Outcome.UNIT: Level.DOUBTFUL, Outcome.FITS: Level.GOOD,
+    Outcome.DOUBTFUL_READINGS: Level.DOUBTFUL, Outcome.NAMED: Level.BAD,
     Outcome.SUSPECTED: Level.DOUBTFUL,
     Outcome.UNNAMED: Level.BAD, Outcome.SCATTERS: Level.DOUBTFUL, Outcome.NO_REPEATABILITY: Level.DOUBTFUL,
     Outcome.NOISE: Level.DOUBTFUL, Outcome.NOT_DETERMINABLE: Level.BAD}
@@ -121,24 +123,35 @@ class Residual:
         return self.p is not None and self.p < UNLIKELY
 
 
+class Moment(NamedTuple):
+    """Between which times, s since the first reading, and which readings an instant lies, with its probability."""
+
+    low: float
+    high: float
+    last: int
+    first: int
+    probability: float
+
+
 @dataclass(frozen=True)
 class MissingEffect:
-    """What a model lacks: a name, its setting, and between which times, s since the first reading, moments of it lie.
+    """What a model lacks: a name, its setting, and where the moments of it lie.
 
     A base term has no setting, no parameters and no cause; cause: what moves with what, as far as the run tells;
     alternatives: names that the run cannot tell from it, each with its probability; together: the probability that one
-    of all these is there; before, after: rms of the residual, m, without it and with
-    it, beside what stands above it."""
+    of all these is there; before, after: rms of the residual, m, without it and with it,
+    beside what stands above it; time_unit: as of Run, that of times in setting and moments."""
 
     name: str
     setting: Mapping[str, float | str] = field(default_factory=dict)
-    moments: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    moments: Mapping[str, Moment] = field(default_factory=dict)
     cause: 'Cause | None' = None
     alternatives: tuple[tuple[str, float], ...] = ()
     together: float = 1.0
     parameters: tuple['Parameter', ...] = ()
     before: float = np.nan
     after: float = np.nan
+    time_unit: str = 's'
 
     @property
     def depth(self) -> int:
@@ -177,7 +190,8 @@ class UnnamedMotion(Protocol):
 
 @dataclass(frozen=True)
 class WrongReading:
-    """A reading that is wrong: its number, where it was, s after the first one, and by how much along which axis, m."""
+    """A reading that is wrong: its number, where it was, s after the first one (NaN where times only count readings),
+    and by how much along which axis, m."""
 
     number: int
     table_position: int
@@ -221,13 +235,13 @@ class Verdict(Judged):
 
     before, after: the residual of the model as given and with all that it lacks; missing: strongest first; unnamed:
     structure without a name; doubtful: names that are likely, but not enough to be said, each with its probability;
-    not_needed: effects of the model that the run does not ask for; hidden: effects that the order cannot show;
-    outliers: readings among the missing; wrong, more_wrong: readings that are far off in the rest, and how many more
-    there are; too_large: stated repeatability over what the readings show, 0 where that is no more than chance;
-    present: effects of the model that are surely there, with their rms, m; noise; step: to which readings are rounded,
-    m, where that is a part of the rest and no kind of noise; remarks: on the readings; has_motions: whether the model
-    has the error motions of the table; reason: why the model cannot be determined, and effects it has beyond its base,
-    `added`.
+    not_needed: effects of the model that the run does not ask for; hidden: effects that the order cannot show, the
+    largest bias on the curves first; outliers: readings among the missing; wrong, more_wrong: readings that are far off
+    in the rest, and how many more there are; too_large: stated repeatability over what the readings show, 0 where that
+    is no more than chance; present: effects of the model that are surely there, with their rms, m; noise; step: to
+    which readings are rounded, m, where that is a part of the rest and no kind of noise; remarks: on the readings;
+    has_motions: whether the model has the error motions of the table; reason: why the model cannot be determined, and
+    effects it has beyond its base, `added`.
     """
 
     outcome: Outcome
@@ -264,18 +278,21 @@ class Verdict(Judged):
 
 def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Sequence[UnnamedMotion] = (),
            claims: Sequence['Claim'] = (), causes: Sequence['Cause'] = (), doubtful: Sequence['Claim'] = (),
-           hidden: Sequence[str] = (), not_needed: Sequence[str] = ()) -> Verdict:
+           hidden: Sequence[str] = (), not_needed: Sequence[str] = (),
+           moments: Sequence[Mapping[str, Moment]] = ()) -> Verdict:
     """Return the Verdict on a model.
 
     fit: of the model as given; final: with all named effects that are claimed, `missing`; claims: what is known of
-    each; causes: the one of each effect that `final` has beyond `fit`; the others as of Verdict.
+    each; causes, moments: of each effect that `final` has beyond `fit`; the others as of Verdict.
     """
     before, after, noise = _residual(fit), _residual(final), noise_facts(final)
     wrong, run = wrong_readings(final), fit.run
     step = resolution_of(run.centre)
     is_rounded = any(remark.startswith(ROUNDED) for remark in run.remarks)
-    lacks = _missing(fit, final, missing, {one.name: one for one in claims}, causes)
-    if lacks or unnamed:
+    lacks = _missing(fit, final, missing, {one.name: one for one in claims}, causes, moments)
+    if any(remark.startswith(UNIT_DOUBT) for remark in run.remarks):
+        outcome = Outcome.UNIT
+    elif lacks or unnamed:
         surest = max([one.probability for one in lacks] + [one.probability for one in unnamed])
         outcome = (Outcome.SUSPECTED if surest < SURE else
                    Outcome.NAMED if any(one.probability >= SURE for one in lacks) else Outcome.UNNAMED)
@@ -313,7 +330,8 @@ def _residual(fit: 'Fit') -> Residual:
 
 
 def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
-             claims: Mapping[str, 'Claim'], causes: Sequence['Cause']) -> tuple[MissingEffect, ...]:
+             claims: Mapping[str, 'Claim'], causes: Sequence['Cause'],
+             moments: Sequence[Mapping[str, Moment]]) -> tuple[MissingEffect, ...]:
     """Return what a model lacks: base terms, then effects with their settings, the one that explains most first."""
     if not names:
         return ()
@@ -323,11 +341,11 @@ def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
     errors = [fit.rms] * bool(terms) + nested_rms(final, known)
     errors[0], errors[-1] = fit.rms, final.rms
     out = [MissingEffect(name, before=errors[0], after=errors[1]) for name in terms]
-    for place, ((term, one), cause) in enumerate(zip(found, causes), bool(terms)):
+    for place, ((term, one), cause, when) in enumerate(zip(found, causes, moments or [{}] * len(found)), bool(terms)):
         claim = claims[term.name]
         out.append(MissingEffect(
-            term.name, one.setting, term.effect.moments(final.run, one.setting), cause, claim.alternatives,
-            claim.together, one.parameters, errors[place], errors[place + 1]))
+            term.name, one.setting, when, cause, claim.alternatives,
+            claim.together, one.parameters, errors[place], errors[place + 1], final.run.time_unit))
     return tuple(out)
 
 
@@ -354,7 +372,8 @@ def _too_large(final: 'Fit') -> float:
 
 
 def _reading(run: Run, row: int, size: float, axis: str) -> WrongReading:
-    return WrongReading(row + 1, int(run.table_position[row]), int(run.ball[row]), float(run.time[row] - run.time[0]),
+    return WrongReading(row + 1, int(run.table_position[row]), int(run.ball[row]),
+                        float(run.time[row] - run.time[0]) if run.time_unit == 's' else np.nan,
                         float(size), axis)
 
 

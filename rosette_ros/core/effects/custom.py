@@ -74,8 +74,8 @@ def parse(text: object) -> ast.expr:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', SyntaxWarning)  # what is odd is refused below or harmless
             tree = ast.parse(text.strip().replace('^', '**'), mode='eval').body
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise InvalidModel(f'expression: cannot be read: {text!r}: {error}') from None
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise InvalidModel(f'expression: {text!r} cannot be read; wanted arithmetic such as t*cos(alpha)') from None
     _check(tree, 0)
     return tree
 
@@ -129,7 +129,7 @@ def _check(node: ast.expr, depth: int) -> None:
             inner = [left, right]
         case _:
             raise InvalidModel(f'expression: wanted arithmetic on {", ".join(NAMES)} and the functions '
-                               f'{", ".join(FUNCTIONS)}, got {type(node).__name__}')
+                               f'{", ".join(FUNCTIONS)}, got {ast.unparse(node)!r:.80}')
     for one in inner:
         _check(one, depth + 1)
 

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rosette_ros.core.axes import UPRIGHT, tilt
-from rosette_ros.core.effects.run_functions import BodyMotion, around, beside, between_readings
+from rosette_ros.core.effects.run_functions import BodyMotion, beside, between_readings, seconds
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Ints, Run
 
@@ -233,11 +233,12 @@ class Course(_Factor):
         every = between_readings(run, most=run.size)[1:-1]
         return beside(every, setting.number(name), 1.5 * every.size / between_readings(run).size)
 
-    def moments(self, run: Run, setting: Setting) -> dict[str, tuple[float, float]]:
-        """Return the times of the readings of `at` on either side of each instant: any between gives the same waves."""
-        names = [one.name for one in self.searched if (one.kind, one.unit) == ('instant', 's') and one.name in setting]
-        found = {name: around(run, setting.number(name), self.at(run, setting)) for name in names}
-        return {name: pair for name, pair in found.items() if pair}
+    def moments(self, run: Run, setting: Setting) -> dict[str, Floats]:
+        """Return for each instant the times of the readings of `at`: any between two of them gives the same waves."""
+        at = self.at(run, setting)
+        times = np.unique(seconds(run) if at is None else seconds(run)[at])
+        return {one.name: times for one in self.searched if (one.kind, one.unit) == ('instant', 's')
+                and one.name in setting and times[0] <= setting.number(one.name) < times[-1]}
 
 
 class Effect(_ByValue):
@@ -331,8 +332,8 @@ class Effect(_ByValue):
         return {one.name: (setting.number(one.name) / 1.6, setting.number(one.name) * 1.6)
                 for one in self.searched if one.kind == 'scale'}
 
-    def moments(self, run: Run, setting: Setting) -> dict[str, tuple[float, float]]:
-        """Return between which times, s since the first reading, each moment lies that the run places no better."""
+    def moments(self, run: Run, setting: Setting) -> dict[str, Floats]:
+        """Return for each instant of a setting the rising times, s since the first reading, that it lies between."""
         return {}
 
     def check_setting(self, setting: Setting) -> None:
@@ -440,5 +441,5 @@ class PhysicalEffect(Effect):
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         return {**self.course.brackets(run, setting), **self.motion.brackets(run, setting)}
 
-    def moments(self, run: Run, setting: Setting) -> dict[str, tuple[float, float]]:
+    def moments(self, run: Run, setting: Setting) -> dict[str, Floats]:
         return self.course.moments(run, setting)

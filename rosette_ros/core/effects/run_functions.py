@@ -9,7 +9,7 @@ import numpy as np
 
 from rosette_ros.core import axes
 from rosette_ros.core.geometry import radial as radial
-from rosette_ros.core.records import Bools, Floats, Ints, Run
+from rosette_ros.core.records import Bools, Floats, Run
 
 COARSE = 4
 """Readings of one temperature in a row, on average, above which it is taken as rounded."""
@@ -198,14 +198,10 @@ def beside(values: Floats, value: float, reach: float) -> Floats:
     return values[max(place - far, 0):place + far + 1]
 
 
-def around(run: Run, instant: float, at: Ints | None = None) -> tuple[float, float] | None:
-    """Return the times of the last reading before an instant and of the first after it, s since the first reading.
-
-    at: the readings that count, None for all. Return None where no reading is on one side.
-    """
-    time = np.sort(seconds(run) if at is None else seconds(run)[at])
-    later = int(np.searchsorted(time, instant, side='right'))
-    return (float(time[later - 1]), float(time[later])) if 0 < later < time.size else None
+def around(times: Floats, instant: float) -> tuple[float, float]:
+    """Return the last of rising times up to an instant that lies between them, and the first after it."""
+    later = int(np.searchsorted(times, instant, side='right'))
+    return float(times[later - 1]), float(times[later])
 
 
 def between_readings(run: Run, most: int = 120) -> Floats:

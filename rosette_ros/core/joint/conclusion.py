@@ -3,10 +3,10 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar
 
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.stated_environment import Unseen
 
 
 class JointOutcome(StrEnum):
@@ -29,7 +29,7 @@ class Conclusion:
     """What several runs say together.
 
     runs: how many; rms: of the residual, m; p: of lack of fit, None without a repeatability; items: what they were
-    declared to share and do not, or do not share, as of ITEMS.
+    declared to share and do not, or do not share, as of ITEMS; unseen: what U contains of what the orders hide.
     """
 
     outcome: JointOutcome
@@ -37,12 +37,17 @@ class Conclusion:
     rms: float = 0.0
     p: float | None = None
     items: tuple[str, ...] = ()
-    unseen: ClassVar[None] = None
+    unseen: Unseen | None = None
 
     @property
     def level(self) -> Level:
         """How the outcome is shown."""
         return JOINT_LEVELS[self.outcome]
+
+    @property
+    def lacks_environment(self) -> bool:
+        """Whether U lacks what the orders hide, as no environment is stated."""
+        return self.unseen is not None and not self.unseen.environment
 
     @property
     def model_fails(self) -> bool:
@@ -67,4 +72,5 @@ def conclude(result: JointResult) -> Conclusion:
         outcome = JointOutcome.IN_PART
     else:
         outcome = JointOutcome.UNKNOWN if fits(result) is None else JointOutcome.FITS
-    return Conclusion(outcome, len(result.solution.model.runs), result.rms, result.lack_of_fit_p, untrue or unused)
+    return Conclusion(outcome, len(result.solution.model.runs), result.rms, result.lack_of_fit_p, untrue or unused,
+                      result.unseen)

@@ -3,14 +3,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-import scipy.spatial
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core import axes
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.geometry import Floats, Frame
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
@@ -18,7 +18,9 @@ from rosette_ros.core.joint.knowledge import Knowledge, angles_of_one_sense, kno
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import ITEMS, Sharing, apart
 from rosette_ros.core.model.least_squares import UNLIKELY
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.model.surroundings import MATTERS, hidden_covariance
+from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.core.stated_environment import LABORATORY, Environment, Unseen
 
 EXACT = 1e9
 NO_NOISE = 1e-12
@@ -29,6 +31,8 @@ SAME_PLATE = 0.5
 """Distances of balls differ by less than this share of the median of all turns, where a turn is found."""
 SAME_READING, SAME_SHARE = 1e-9, 0.9
 """Ball centres that differ by less, m, are one reading; runs with such a share of the smaller one are refused."""
+MOST_READINGS = 1000
+"""Of more readings the covariance of what may be there would take minutes."""
 LEAST_DISTANCES = 6
 """Distances, those of four balls, that two runs have in common at least after a turn that is looked at."""
 
@@ -76,7 +80,7 @@ class JointResult:
     declared: items of the Sharing that a person declared; tests: of what is shared, and of what the data took out of
     the rest; sigma: standard deviation of a coordinate in use, m; sigma_dof: its degrees of freedom; rms: root of the
     residuals' square sum per degree of freedom, m; lack_of_fit_p: chance that noise of the known repeatability leaves
-    as much, or None.
+    as much, or None; environment: that is stated, None where none is.
     """
 
     solution: JointSolution
@@ -87,6 +91,7 @@ class JointResult:
     sigma_source: str
     lack_of_fit_p: float | None
     notes: tuple[str, ...]
+    environment: Environment | None = None
 
     @property
     def sharing(self) -> Sharing:
@@ -106,7 +111,46 @@ class JointResult:
     @cached_property
     def curves(self) -> tuple[tuple[TableSet, ErrorMotions], ...]:
         """The six curves of each set of table motions."""
-        return tuple((one, self._motions(one.angle, *self._of(one))) for one in self.solution.model.sets)
+        return tuple((one, self._motions(one.angle, *self.of_set(one))) for one in self.solution.model.sets)
+
+    @cached_property
+    def _around(self) -> tuple[JointSolution, dict[str, list[tuple[int, Floats]]]]:
+        """The solution in the environment that is stated, else in LABORATORY, and by effect the factors of the
+        covariance of what may be there in each run."""
+        every, factors = [], dict[str, list[tuple[int, Floats]]]()
+        for place, readings in enumerate(self.solution.model.runs):
+            covariance = np.zeros((3 * readings.size, 3 * readings.size))
+            if (run := readings.run) is not None:
+                look = partial(self.solution.look, place, run.table_offset)
+                covariance, rows = hidden_covariance(run, self.environment or LABORATORY, self.rms or 1.0, look)
+                for name, some in rows.items():
+                    factors.setdefault(name, []).append((place, some))
+            every.append(covariance / (self.sigma or 1.0)**2)
+        return JointSolution(self.solution.model, every), factors
+
+    @property
+    def _stated(self) -> JointSolution:
+        """The solution whose curves are shown."""
+        return self.solution if self.environment is None else self._around[0]
+
+    @cached_property
+    def unseen(self) -> Unseen | None:
+        """What U contains of what the orders hide, or lacks where no environment is stated and it matters."""
+        if self.solution.model.size > MOST_READINGS:
+            return None
+        whole, factors = self._around
+        alone, u = (self.sigma * np.linalg.norm(one.mix_of_curves, axis=1) for one in (self.solution, whole))
+        growth = np.divide(u, alone, out=np.ones(u.shape), where=alone > 0)
+        at = int(growth.argmax())
+        if self.environment is None and growth[at] < MATTERS:
+            return None
+        part = {name: float(sum(np.sum(whole.shifted(place, rows)[:, at]**2) for place, rows in some))
+                for name, some in factors.items()}
+        curve = at % 6
+        scale = COVERAGE_FACTOR / (1.0 if curve < 3 else self.solution.model.lever)
+        return Unseen(self.environment.name if self.environment else '', CURVES[curve], scale * float(alone[at]),
+                      scale * float(u[at]), max(part, key=lambda name: part[name], default=''),
+                      sum(part.values()) / max(float(u[at])**2, 1e-300))
 
     @cached_property
     def reversals(self) -> tuple[Reversal, ...]:
@@ -114,7 +158,7 @@ class JointResult:
         out = []
         p = next((test.p for test in self.tests if test.item == 'sense'), None)
         for forwards, back in pairs_of_senses(self.solution):
-            (a, mix_a), (b, mix_b) = self._of(forwards), self._of(back)
+            (a, mix_a), (b, mix_b) = self.of_set(forwards), self.of_set(back)
             hidden = (self.solution.hidden[forwards.place] - self.solution.hidden[back.place]).reshape(len(a), 6, -1)
             known = np.abs(hidden.mean(axis=0)).max(axis=1, initial=0) < 1e-6
             mix = mix_a - mix_b
@@ -131,9 +175,10 @@ class JointResult:
         return ([names[row[0]] for row in model.places[part].tolist()], self.solution.unknowns[place].reshape(-1, 3),
                 u.reshape(-1, 3))
 
-    def _of(self, one: TableSet) -> tuple[Floats, Floats]:
-        mix = self.solution.mix_of_curves[one.place]
-        return self.solution.curves[one.place].reshape(-1, 6), mix.reshape(one.angle.size, 6, -1)
+    def of_set(self, one: TableSet) -> tuple[Floats, Floats]:
+        """Return the curves of a set, (m, 6), m, and the mix whose squares are their variances, (m, 6, k)."""
+        mix = self._stated.mix_of_curves[one.place]
+        return self._stated.curves[one.place].reshape(-1, 6), mix.reshape(one.angle.size, 6, -1)
 
     def _motions(self, angle: Floats, values: Floats, mix: Floats) -> ErrorMotions:
         scale = np.array([1, 1, 1, *[1 / self.solution.model.lever] * 3])
@@ -141,18 +186,25 @@ class JointResult:
                             self.solution.model.runs[0].rotation)
 
 
-def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | None = None) -> JointResult:
-    """Return the JointResult of runs; declared: fields of Sharing by name, the others are what the runs say.
+def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | None = None,
+                     environment: Environment | None = None) -> JointResult:
+    """Return the JointResult of runs; declared: fields of Sharing by name, the others are what the runs say;
+    environment: what may move in each run, which the curves and their U contain then.
 
     What nobody declared and the data contradict (p below 0.1 %) is not used; a declaration is, and its test says so.
     Raises NotDeterminable where the runs have nothing in common or too few readings, InvalidData where the declaration
-    does not fit them.
+    does not fit them or the readings are too many for an environment.
     """
     declared = dict(declared or {})
     _refuse_twice(runs)
     axes.refuse_other_axes([(run.name, run.rotation) for run in runs])
     runs, wanted, notes = default_sharing(runs, declared)
     _refuse_unlike_plates(runs, wanted)
+    if environment and sum(run.size for run in runs) > MOST_READINGS:
+        raise InvalidData(f'{runs[0].source}: wanted at most {MOST_READINGS} readings in an environment, got '
+                          f'{sum(run.size for run in runs)}; evaluate fewer runs as one')
+    notes += [f'{run.name}: what its order hides is not in U, as its plate is of no regular pitch' for run in runs
+              if environment and run.run is None]
     solution = JointSolution(JointModel(runs, wanted))
     if solution.dof <= 0:
         raise NotDeterminable(f'{solution.model.size} ball centres leave {solution.dof} degrees of freedom; measure '
@@ -177,7 +229,7 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
         tests.append(_sense(solution))
     notes += angles_of_one_sense(solution)
     said = frozenset(item for item in wanted.items if _FIELDS.get(item, item) in declared)
-    return JointResult(solution, said, (*tests, *dropped), *_sigma(solution), tuple(notes))
+    return JointResult(solution, said, (*tests, *dropped), *_sigma(solution), tuple(notes), environment)
 
 
 _FIELDS = {'calibrated plate': 'trusts_plates', 'calibrated CMM': 'cmm_is_calibrated'}
@@ -309,7 +361,7 @@ def _f_test(item: str, shared: Sequence[JointSolution], free: Sequence[JointSolu
         return SharingTest(item, 0.0, 0, None, True)
     rss = sum(one.rss for one in free)
     f = max(sum(one.rss for one in shared) - rss, 0.0) / dof / max(rss / free_dof, NO_NOISE**2)
-    return SharingTest(item, f, dof, float(special.fdtrc(dof, free_dof, f)), True)
+    return SharingTest(item, f, dof, float(scipy.special.fdtrc(dof, free_dof, f)), True)
 
 
 def _sigma(solution: JointSolution) -> tuple[float, float, str, float | None]:
@@ -321,7 +373,7 @@ def _sigma(solution: JointSolution) -> tuple[float, float, str, float | None]:
         return rms, solution.dof, 'residuals', None
     dof = sum(count for _, count in known)
     sd = float(np.sqrt(sum(count * value**2 for value, count in known) / dof))
-    p = float(special.fdtrc(solution.dof, dof, (rms / sd)**2))
+    p = float(scipy.special.fdtrc(solution.dof, dof, (rms / sd)**2))
     if p < UNLIKELY:
         return rms, solution.dof, 'residuals (larger than the repeatability)', p
     pooled = float(np.sqrt((solution.rss + dof * sd**2) / (solution.dof + dof)))

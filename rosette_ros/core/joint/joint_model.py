@@ -195,10 +195,11 @@ class JointSolution:
 
     mix: (q, rank), such that mix mix' is the cofactor matrix of the unknowns; hidden_in_curves: how many of the hidden
     directions change curves; curves, mix_of_curves: the part of both that is of curves, without means and once-per-turn
-    parts that are known only together, by known_together combinations.
+    parts that are known only together, by known_together combinations. covariance: of the readings of each run beside
+    their noise of 1, (3 N, 3 N), which they are weighted by.
     """
 
-    def __init__(self, model: JointModel) -> None:
+    def __init__(self, model: JointModel, covariance: Sequence[Floats] = ()) -> None:
         self.model = model
         design = model.design[:, model.free]
         value, vector = scipy.linalg.eigh((design.T @ design).toarray())
@@ -208,10 +209,16 @@ class JointSolution:
         self.hidden[model.free] = vector[:, ~keep]
         mix = np.zeros((model.free.size, self.rank))
         mix[model.free] = vector[:, keep] / np.sqrt(value[keep])
+        transposed = design.T
+        if covariance:
+            inverse = scipy.sparse.block_diag([np.linalg.inv(np.eye(len(one)) + one) for one in covariance], 'csr')
+            transposed = design.T @ inverse
+            normal = mix[model.free].T @ (transposed @ (design @ mix[model.free]))
+            mix = scipy.linalg.solve_triangular(np.linalg.cholesky(normal), mix.T, lower=True).T
         self._fixes = list(_gauge(model, self.hidden))
         self.hidden_in_curves = self._fixes[0][1]
         self.mix = self._in_gauge(mix)
-        self._normal = mix, design.T
+        self._normal = mix, transposed
         self.unknowns = self.solved(model.centre)
         place = model.groups['curves']
         together = _known_together(model, self.hidden[place], self._fixes[0][3].T)
@@ -232,6 +239,21 @@ class JointSolution:
             if np.abs(step).max(initial=0) < SMALLEST_STEP:
                 break
         return unknowns
+
+    def look(self, place: int, offset: float, columns: Floats) -> tuple[Floats, Floats]:
+        """Return E E' (b, q, q) and E r (b, q), m^2, of displacements (b, q, N, 3) of one run: E is what the unknowns
+        leave of them, r the residual; offset: of the axes of the columns against those of the runs, rad."""
+        (mix, transposed), own = self._normal, np.repeat(self.model.run == place, 3)
+        flat = rotate_z(offset, columns).reshape(-1, int(own.sum()))
+        taken = ((transposed[:, own] @ flat.T).T @ mix[self.model.free]).reshape(*columns.shape[:2], -1)
+        told, flat = flat @ self.residual.reshape(-1)[own], flat.reshape(*columns.shape[:2], -1)
+        return flat @ np.swapaxes(flat, 1, 2) - taken @ np.swapaxes(taken, 1, 2), told.reshape(columns.shape[:2])
+
+    def shifted(self, place: int, columns: Floats) -> Floats:
+        """Return what displacements (k, 3 N) of the readings of one run do to `curves`, (k, c)."""
+        mix, transposed = self._normal
+        own = np.repeat(self.model.run == place, 3)
+        return np.asarray((transposed[:, own] @ columns.T).T @ mix[self.model.free] @ self.mix_of_curves.T)
 
     @property
     def dof(self) -> int:

@@ -90,7 +90,7 @@ class Readings:
     plate; angle: (m,) nominal table angle of each table position, rad; table_position, ball: (N,) one-based; centre:
     (N, 3) in the table frame, m; angle_deviation: (N,) actual minus nominal table angle, rad; approach: (N,) as of Run;
     repeatability, repeatability_dof: as of Run; frame: the table frame in the machine frame where it is known;
-    simulated, rotation: as of Run.
+    simulated, rotation: as of Run; run: where the readings are those of one, with times and senses.
 
     Raises InvalidData where an index does not exist.
     """
@@ -110,6 +110,7 @@ class Readings:
     notes: tuple[str, ...] = ()
     simulated: bool = False
     rotation: Floats | None = None
+    run: Run | None = None
 
     def __post_init__(self) -> None:
         for name, most in (('table_position', self.angle.size), ('ball', self.plate.balls)):
@@ -124,7 +125,7 @@ class Readings:
         centre, rotation = run.from_angle_zero()
         return Readings(Plate.regular(run.n, run.radius), nominal_angles(run.n) + run.table_offset, run.table_position,
                         run.ball, centre, run.angle_deviation, run.approach, run.repeatability, run.repeatability_dof,
-                        frame, run.run_id, run.source, (*run.notes, *run.remarks), run.simulated, rotation)
+                        frame, run.run_id, run.source, (*run.notes, *run.remarks), run.simulated, rotation, run)
 
     @property
     def size(self) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The six errors of several runs in a line each: what they have in common, and how they scatter (ISO 230-7)."""
+"""The six error motions of several runs in a line each: what they have in common, and how they scatter (ISO 230-7)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ def joint_lines(result: JointResult, tolerances: Mapping[str, float] | None = No
     alone = [_alone(result, place) for place in range(len(model.runs))]
     for one, motions in result.curves:
         high, low = extremes(motions)
-        mix = result.solution.mix_of_curves[one.place].reshape(one.angle.size, 6, -1)
+        mix = result.of_set(one)[1]
         u_range = result.sigma * scale * np.linalg.norm(mix[high, range(6)] - mix[low, range(6)], axis=-1)
         same = [curves for table, curves in zip(model.sharing.table, alone, strict=True) if table == one.name]
         out.append((one, motions, error_lines(motions, u_range, tolerances, doubt, _widths(one, same))))
@@ -37,7 +37,7 @@ def _alone(result: JointResult, place: int) -> tuple[tuple[TableSet, ErrorMotion
         single = JointSolution(JointModel([model.runs[place]], Sharing.of(1, by_sense=model.sharing.by_sense)))
     except NotDeterminable:
         return ()
-    return replace(result, solution=single).curves
+    return replace(result, solution=single, environment=None).curves
 
 
 def _widths(one: TableSet, runs: Sequence[tuple[tuple[TableSet, ErrorMotions], ...]]) -> tuple[Floats, Floats] | None:

@@ -13,8 +13,8 @@ PARTS = ('table', 'plate', 'clamping', 'cmm', 'frame')
 
 Names = tuple[str, ...]
 """A name for each run: runs of one name share."""
-ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'placement of the plate',
-         'cmm': 'CMM deviations at the same positions', 'frame': 'machine frame',
+ITEMS = {'table': 'error motions of the table', 'plate': 'ball centre deviations', 'clamping': 'placement of the plate',
+         'cmm': 'CMM measurement errors at the same positions', 'frame': 'machine frame',
          'seat': 'what the seat reproduces', 'calibrated plate': 'the calibration of the plate',
          'calibrated CMM': 'the calibration of the CMM', 'sense': 'curves of both senses of turning'}
 """What runs can share, in words."""

@@ -285,6 +285,25 @@ class BaseSpace:
         found += self._described(columns - self._places.columns(found, self.whitening))
         return self._named(self._each('in_gauge', found))
 
+    def continued(self, columns: Floats, table_position: Ints, ball: Ints) -> Floats:
+        """Return what the base parameters that describe columns (m, N, 3) best make of other readings, (m, S, 3).
+
+        table_position, ball: (S,) of these; a place that no reading saw has no deviation."""
+        found = self._described(self.whitening.apply(columns))
+        return np.asarray((self._equations(table_position, ball) @ found).T.reshape(len(columns), -1, 3))
+
+    def cofactor_at(self, table_position: Ints, ball: Ints) -> Floats:
+        """Return the covariance of what `continued` returns, (3 S, 3 S), for unit variance of a coordinate."""
+        design = self._equations(table_position, ball)
+        return np.asarray(design @ self._each('solved', design.T.toarray()))
+
+    def _equations(self, table_position: Ints, ball: Ints) -> Any:
+        """Return the equations of readings of what other ones saw, (3 S, 12 n)."""
+        unknown, factor = entries(self.n, table_position, ball, self.terms)
+        factor = factor * self._places.touched[unknown]
+        return scipy.sparse.csr_array((factor.ravel(), unknown.ravel(), np.arange(0, factor.size + 1, 5)),
+                                      (3 * ball.size, 12 * self.n))
+
     def curve_cofactor(self) -> Floats:
         """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
         return np.asarray(self._variances.curves[0])

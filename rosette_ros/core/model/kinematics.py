@@ -4,15 +4,13 @@
 Points, rotation vectors and shifts are (..., 3) and broadcast; m and rad."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from rosette_ros.core.geometry import Floats, nominal_angles, rotate_z
+from rosette_ros.core.geometry import Floats, nominal_angles, rotate_z, rotation_matrix
 
 
 def moved(points: Floats, rotation: Floats, shift: Floats | float = 0.0) -> Floats:
     """Return R(rotation) points + shift."""
-    matrix = Rotation.from_rotvec(rotation.reshape(-1, 3)).as_matrix().reshape(*rotation.shape, 3)
-    return np.asarray((matrix @ points[..., None])[..., 0] + shift)
+    return np.asarray((rotation_matrix(rotation) @ points[..., None])[..., 0] + shift)
 
 
 def on_table(points: Floats, angle: Floats, curves: Floats) -> Floats:
@@ -21,7 +19,7 @@ def on_table(points: Floats, angle: Floats, curves: Floats) -> Floats:
 
 
 def axis_tilt(cmm: Floats, lever: float) -> Floats:
-    """Return the tilt of the axis in the frame, (m, 3): the common tilt of the deviations of the CMM, (m, n, 3).
+    """Return the tilt of the axis in the frame, (m, 3): the common tilt of the CMM measurement errors, (m, n, 3).
 
     lever: radius at which they are, m. NaN is left out, at the same positions in all m."""
     known = np.isfinite(cmm[0, :, 2])

@@ -7,7 +7,7 @@ Nonlinear parameters enter the uncertainties by their tangents d(D a)/d(theta).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
 
@@ -20,6 +20,7 @@ from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.effects.run_functions import BodyMotion
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
+from rosette_ros.core.mixture import total
 from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
@@ -32,7 +33,7 @@ from rosette_ros.core.model.second_order import (
     turned_plate,
 )
 from rosette_ros.core.number_words import micrometres
-from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run
+from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run, in_time
 
 HIDDEN = 1e-6
 """Visible share below which an effect is taken as hidden altogether (rounding is 1e-15)."""
@@ -79,7 +80,8 @@ class Fit:
     of freedom, m; sigma: standard deviation of a coordinate in use for the uncertainties, m, and sigma_source, where it
     comes from; reduced_chi_square: (rms/repeatability) squared, None where the repeatability is unknown; lack_of_fit_p:
     probability that noise of the known repeatability leaves as much, None likewise; rms, sigma: of the size that noise
-    takes as 1; beyond: (N, 3) or (1, 3), m, second-order terms of which the readings were freed; gauge: what no
+    takes as 1; beyond: (N, 3) or (1, 3), m, second-order terms of which the readings were freed; explanations: fits
+    with probabilities of which the curves are the mean, none where they are those of this fit; gauge: what no
     three-rosette run can know, in words.
     """
 
@@ -101,6 +103,7 @@ class Fit:
     joint: 'JointSpace'
     noise: Noise
     beyond: Floats
+    explanations: tuple[tuple[float, 'Fit'], ...] = ()
     gauge: ClassVar[tuple[str, ...]] = GAUGE
 
     @cached_property
@@ -132,6 +135,13 @@ class Fit:
     def settings(self) -> tuple[Setting, ...]:
         """The settings of the effects, in the order of the model."""
         return tuple(effect.setting for effect in self.effects)
+
+    def over(self, explanations: Sequence[tuple[float, 'Fit']]) -> 'Fit':
+        """Return the fit with the curves, mean and u, over explanations with probabilities (law of total variance)."""
+        p, motions = np.array([one for one, _ in explanations]), [one.error_motions for _, one in explanations]
+        values, u = total(p / p.sum(), np.stack([one.values for one in motions]), np.stack([one.u for one in motions]))
+        return replace(self, error_motions=replace(self.error_motions, values=values, u=u),
+                       explanations=tuple(explanations))
 
 
 def mean_radius(run: Run) -> float:
@@ -281,9 +291,9 @@ class _Part:
     place: slice
 
     def adjusted(self, *kinds: str) -> list[Searched]:
-        """Return the searched parameters of some kinds that are not fixed."""
-        return [one for one in self.term.effect.searched
-                if one.kind in kinds and one.name in self.setting and one.name not in self.term.fixed]
+        """Return the searched parameters of some kinds that nobody has fixed."""
+        return [one for one in self.term.effect.searched if one.kind in kinds and one.name in self.setting
+                and (self.term.is_found or one.name not in self.term.fixed)]
 
 
 def _parts(run: Run, model: Model, settings: Sequence[Mapping[str, float | str]], space: BaseSpace) -> list[_Part]:
@@ -433,11 +443,11 @@ def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpa
     refined = iter(u[len(amplitude):])
     out = []
     for part in parts:
-        quantities = part.term.effect.amplitudes(run, part.setting)
-        parameters = [Parameter(quantity.name, float(value), float(error), quantity.unit) for quantity, value, error
-                      in zip(quantities, amplitude[part.place], u[part.place], strict=True)]
+        quantities, time = part.term.effect.amplitudes(run, part.setting), run.time_unit
+        parameters = [Parameter(quantity.name, float(value), float(error), in_time(quantity.unit, time))
+                      for quantity, value, error in zip(quantities, amplitude[part.place], u[part.place], strict=True)]
         parameters += [Parameter(parameter.name, part.setting.number(parameter.name), float(next(refined)),
-                                 parameter.unit) for parameter in part.adjusted(*REFINED)]
+                                 in_time(parameter.unit, time)) for parameter in part.adjusted(*REFINED)]
         out.append(FittedEffect(part.term.name, part.setting, tuple(parameters),
                                 np.tensordot(amplitude[part.place], part.columns, axes=1)))
     return tuple(out)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from rosette_ros.core.effects.custom import CustomTerm
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
-from rosette_ros.core.errors import InvalidModel, unknown_name
+from rosette_ros.core.errors import InvalidModel, kind_of, unknown_name
 
 SCHEMA = 'rosette-model/1'
 BASE_TERMS = ('table_motions', 'plate_deviations', 'cmm_deviations')
@@ -23,10 +23,13 @@ Entry = str | dict[str, float | str]
 
 @dataclass(frozen=True)
 class Term:
-    """An effect in a model with the searched parameters that the user has fixed."""
+    """An effect in a model with the searched parameters that are fixed.
+
+    is_found: whether the search on the run fixed them, so that they are adjusted parameters of a fit all the same."""
 
     effect: Effect
     fixed: Setting = field(default_factory=Setting)
+    is_found: bool = field(default=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -145,7 +148,7 @@ class Model:
     def from_mapping(mapping: object, source: str = 'model') -> 'Model':
         """Return the Model of plain lists and dicts; raise InvalidModel, naming `source`."""
         if not isinstance(mapping, dict):
-            raise InvalidModel(f'{source}: wanted a mapping with base and effects, got {type(mapping).__name__}')
+            raise InvalidModel(f'{source}: wanted a mapping with base and effects, got {kind_of(mapping)}')
         unknown = set(mapping) - {'schema', 'base', 'effects', 'noise'}
         if unknown:
             first = min(map(str, unknown))

@@ -142,7 +142,8 @@ def places(run: Run) -> Iterator[tuple[str, Ints, list[str]]]:
     time = run.time - run.time[0]
     edge = np.linspace(0, time[-1] or 1.0, sections + 1)
     section = np.clip(np.searchsorted(edge, time, side='right') - 1, 0, sections - 1)
-    yield 'time', section, [f'{a / 60:.0f}-{b / 60:.0f} min' for a, b in pairwise(edge)]
+    factor, unit = (1 / 60, 'min') if run.time_unit == 's' else (1.0, 'readings')
+    yield 'time', section, [f'{factor * a:.0f}-{factor * b:.0f} {unit}' for a, b in pairwise(edge)]
     order = np.arange(run.size) * sections // run.size
     yield 'sequence', order, [f'{np.flatnonzero(order == s)[0] + 1}-{np.flatnonzero(order == s)[-1] + 1}'
                               for s in range(sections)]

@@ -13,27 +13,30 @@ and D_k enters with the variance s^2 w_k / (1 + sum of w). Where the order shows
 run to run remains that is stated; where it shows that nothing is there it goes to 0. See docs/uncertainty.md.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_factor, cho_solve
 
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
 from rosette_ros.core.effects.library import EFFECTS, effects_of
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.mixture import Mixture
 from rosette_ros.core.model.least_squares import HIDDEN, REFINED, Fit, observed
+from rosette_ros.core.model.least_squares import fit as fit_of
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
+from rosette_ros.core.scheme import nominal_places
 from rosette_ros.core.stated_environment import KINDS, LABORATORY, Environment, Unseen
 
 EXPECTED = 2.0
 """Effects that are there in a run, of all that may be."""
-MOST_SETTINGS = 24
+MOST_SETTINGS = 120
 """Settings that stand for all of an effect."""
 CAGE = (0.37, 0.39, 0.41, 0.43, 0.45, 0.47)
 """Orders per turn of the cages of bearings."""
@@ -132,6 +135,16 @@ def at_ball(environment: Environment, run: Run) -> dict[str, float]:
     return {name: size for name, size in out.items() if size > 0}
 
 
+def size_per_rms(run: Run) -> dict[str, float]:
+    """Return of each effect that a run can have its size at a ball, per rms of its displacements over coordinates."""
+    out = {}
+    for name in _settings(run):
+        square = np.concatenate([np.sum(one**2, axis=(1, 2, 3)) for one in _columns(run, EFFECTS[name])])
+        if middle := float(np.median(square)):
+            out[name] = float(np.sqrt(3 * run.size / middle))
+    return out
+
+
 def source_of(environment: Environment, name: str) -> str:
     """Return whence the size of an effect in an environment is."""
     return (environment.effects.get(name) or environment.sizes[kind_of(EFFECTS[name])]).source
@@ -151,6 +164,13 @@ def unseen(fit: Fit, environment: Environment | None = None) -> Unseen | None:
                   max(shares, key=lambda name: shares[name], default=''), sum(shares.values()))
 
 
+def expected_u(run: Run, sigma: float, environment: Environment) -> Floats:
+    """Return the standard uncertainties of the curves, (n, 6), m and rad, of a run in the order of this one that shows
+    nothing of what may be there; sigma: of a coordinate, m."""
+    places = nominal_places(run.n, run.radius, run.table_position, run.ball)
+    return surrounded(replace(fit_of(run.replace(centre=places)), rms=sigma, sigma=sigma), environment).error_motions.u
+
+
 @lru_cache(maxsize=4)
 def surrounded(fit: Fit, environment: Environment) -> Surrounded:
     """Return a Fit in an environment, which the effects of its model have left."""
@@ -162,27 +182,37 @@ def surrounded(fit: Fit, environment: Environment) -> Surrounded:
     rows = np.concatenate([own, *(one.rows for one in blocks)]) / sigma
     bias = space.parameters(joint.every).curves.reshape(-1, size) if len(own) else np.zeros((0, size))
     moved = np.concatenate([bias, *(one.curves for one in blocks)])
-    told, product = rows @ space.residual(places).reshape(-1) / sigma, rows @ rows.T
+    left = space.residual(places).reshape(-1) / sigma
     spread, hidden = _claims(fit), np.concatenate([np.zeros(0), *(one.spread for one in blocks)])
     for _ in range(2):
         scale = np.concatenate([spread, hidden])
-        grown = product * scale[:, None] * scale
-        rounding = len(scale) * np.finfo(float).eps * float(np.diag(grown).max(initial=0.0))
-        lower = np.linalg.cholesky((1 + rounding) * np.eye(len(scale)) + grown)
-        weight = solve_triangular(lower, scale * told, lower=True)
-        found = np.abs(scale * solve_triangular(lower.T, weight))[:len(own)]
+        told, carried = _posterior(scale[:, None] * rows, left, scale[:, None] * moved)
+        found = np.abs(scale * told)[:len(own)]
         if np.all(found <= spread):
             break
         spread = np.maximum(spread, found)
-    steps = solve_triangular(lower, scale[:, None] * moved, lower=True)
-    values = space.parameters(places).curves[0] - (weight @ steps).reshape(run.n, 6)
-    variance = fit.weighted_sigma**2 * space.curve_cofactor() + np.sum(steps**2, axis=0).reshape(run.n, 6)
-    carried = scale[:, None] * solve_triangular(lower.T, steps)
+    carried = scale[:, None] * carried
+    values = space.parameters(places).curves[0] - ((rows @ left) @ carried).reshape(run.n, 6)
+    variance = fit.weighted_sigma**2 * space.curve_cofactor() + np.maximum(
+        np.sum(moved * carried, axis=0), 0).reshape(run.n, 6)
     return Surrounded(
         fit, environment, replace(fit.error_motions, values=values, u=np.sqrt(variance)),
         {one.name: one.there for one in blocks},
         (*[CLAIMED] * len(own), *(one.name for one in blocks for _ in one.spread)),
         moved.reshape(-1, run.n, 6), carried.reshape(-1, run.n, 6))
+
+
+def _posterior(rows: Floats, left: Floats, moved: Floats) -> tuple[Floats, Floats]:
+    """Return (1 + A A')^-1 times A r and X, of columns with prior variance 1: their mean (k,), and (k, c).
+
+    rows A: (k, m) what they do to what is left of the readings, r: (m,), in units of the noise; moved X: (k, c), to the
+    curves. The smaller one of A A' and A' A is solved."""
+    is_tall, wanted = len(rows) > rows.shape[1], np.column_stack([rows @ left, moved])
+    square = rows.T @ rows if is_tall else rows @ rows.T
+    rounding = len(square) * np.finfo(float).eps * float(np.diag(square).max(initial=0.0))
+    factor = cho_factor((1 + rounding) * np.eye(len(square)) + square)
+    solved = wanted - rows @ cho_solve(factor, rows.T @ wanted) if is_tall else cho_solve(factor, wanted)
+    return solved[:, 0], solved[:, 1:]
 
 
 def _claims(fit: Fit) -> Floats:
@@ -215,31 +245,66 @@ class _EffectBlock(NamedTuple):
 def _blocks(fit: Fit, environment: Environment, own: Floats) -> Iterator[_EffectBlock]:
     """Yield the _Blocks of an environment beside the claims of a fit, whose white rows are `own`, (q, 3 N)."""
     run, space, noise = fit.run, fit.joint.space, fit.rms or 1.0
-    sizes, claimed = at_ball(environment, run), {term.name for term in fit.model.terms}
-    pi = EXPECTED / (len(sizes) + EXPECTED)
     _, size, rows = np.linalg.svd(own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-300),
                                   full_matrices=False)
     basis, left = rows[size > HIDDEN], fit.white_residual.reshape(-1) / noise
     left = left - (left @ basis.T) @ basis
     least = NEGLIGIBLE * np.maximum(fit.error_motions.u**2, 1e-300)
-    for name in (one for one in sizes if one not in claimed):
-        slab, several = sizes[name] / pi**0.5, list(_columns(run, EFFECTS[name]))
-        columns = np.concatenate([one.reshape(-1, run.size, 3) for one in several])
+    for name, several in _effects(run, environment, {term.name for term in fit.model.terms}):
+        columns = np.concatenate([one.reshape(-1, run.size, 3) for one in several.columns])
         rows = space.residual(columns).reshape(len(columns), -1)
         rows[np.linalg.norm(rows, axis=1) < HIDDEN * np.linalg.norm(columns, axis=(1, 2))] = 0
-        seen, odds = (rows - (rows @ basis.T) @ basis) / noise, []
-        for one in several:
-            count = one.shape[0] * one.shape[1]
-            odds.append(_log_bayes(seen[:count].reshape(*one.shape[:2], -1), left, slab))
-            seen = seen[count:]
-        number = sum(map(len, odds))
-        log = np.concatenate(odds) + np.log(pi / (1 - pi) / number)
-        p = np.exp(log - np.logaddexp.reduce([0.0, *log]))
-        spread = slab * np.sqrt(np.repeat(p, [one.shape[1] for one in several for _ in one]))
+        seen, begin, looked = (rows - (rows @ basis.T) @ basis) / noise, 0, []
+        for one in several.columns:
+            part = seen[begin:begin + one.shape[0] * one.shape[1]].reshape(*one.shape[:2], -1)
+            looked.append((part @ np.swapaxes(part, 1, 2), part @ left))
+            begin += one.shape[0] * one.shape[1]
+        there, spread = several.judged(looked)
         curves = space.parameters(columns).curves
         keep = np.max((spread[:, None, None] * curves)**2 / least, axis=(1, 2)) > 1
         if np.any(keep):
-            yield _EffectBlock(name, float(p.sum()), spread[keep], rows[keep], curves[keep].reshape(-1, 6 * run.n))
+            yield _EffectBlock(name, there, spread[keep], rows[keep], curves[keep].reshape(-1, 6 * run.n))
+
+
+class _Several(NamedTuple):
+    """An effect at all its settings: columns (b, q, N, 3) each, m; its size if it is there, m; odds of being there at
+    any one of them."""
+
+    columns: list[Floats]
+    slab: float
+    odds: float
+
+    def judged(self, looked: Sequence[tuple[Floats, Floats]]) -> tuple[float, Floats]:
+        """Return the probability that it is there, and the standard deviation of each amplitude.
+
+        looked: of each array of columns E E' (b, q, q) and E r (b, q), in units of the noise."""
+        log = np.log(self.odds) + np.concatenate([_log_bayes(*one, self.slab) for one in looked])
+        p = np.exp(log - np.logaddexp.reduce([0.0, *log]))
+        return float(p.sum()), self.slab * np.sqrt(np.repeat(p, [one.shape[1] for one in self.columns for _ in one]))
+
+
+def _effects(run: Run, environment: Environment, claimed: Collection[str] = ()) -> Iterator[tuple[str, _Several]]:
+    """Yield what may be there in a run, by name; claimed: effects that have left the environment."""
+    sizes = at_ball(environment, run)
+    pi = EXPECTED / (len(sizes) + EXPECTED)
+    for name in (one for one in sizes if one not in claimed):
+        columns = list(_columns(run, EFFECTS[name]))
+        yield name, _Several(columns, sizes[name] / pi**0.5, pi / (1 - pi) / sum(map(len, columns)))
+
+
+def hidden_covariance(run: Run, environment: Environment, noise: float,
+                      look: Callable[[Floats], tuple[Floats, Floats]]) -> tuple[Floats, dict[str, Floats]]:
+    """Return the covariance of what may be there in a run, (3 N, 3 N), m^2, and its factors by effect, (k, 3 N), m;
+    both in the axes of table angle 0.
+
+    look: returns E E' and E r, m^2, of columns (b, q, N, 3) in the evaluation of which the run is a part; noise: m."""
+    factors = {}
+    for name, several in _effects(run, environment):
+        looked = [tuple(one / noise**2 for one in look(columns)) for columns in several.columns]
+        spread = several.judged(looked)[1]  # type: ignore[arg-type]
+        factors[name] = spread[:, None] * np.concatenate([
+            rotate_z(run.table_offset, one).reshape(-1, 3 * run.size) for one in several.columns])
+    return np.asarray(sum((one.T @ one for one in factors.values()), np.zeros((3 * run.size, 3 * run.size)))), factors
 
 
 def _columns(run: Run, effect: PhysicalEffect) -> Iterator[Floats]:
@@ -281,9 +346,9 @@ def _settings(run: Run) -> dict[str, tuple[Setting, ...]]:
     return out
 
 
-def _log_bayes(seen: Floats, left: Floats, size: float) -> Floats:
-    """Return ln BF of blocks (b, q, 3 N) of amplitudes of a size against nothing, (b,)."""
-    value, vector = np.linalg.eigh(seen @ np.swapaxes(seen, 1, 2))
-    told = np.einsum('bqd,bq->bd', vector, seen @ left)
+def _log_bayes(square: Floats, told: Floats, size: float) -> Floats:
+    """Return ln BF of blocks of amplitudes of a size against nothing, (b,), from E E' (b, q, q) and E r (b, q)."""
+    value, vector = np.linalg.eigh(square)
+    along = np.einsum('bqd,bq->bd', vector, told)
     grown = 1 + size**2 * np.maximum(value, 0)
-    return np.asarray(np.sum(told**2 * size**2 / grown - np.log(grown), axis=1) / 2)
+    return np.asarray(np.sum(along**2 * size**2 / grown - np.log(grown), axis=1) / 2)

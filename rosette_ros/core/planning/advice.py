@@ -9,9 +9,11 @@ import numpy as np
 
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.model.surroundings import expected_u
 from rosette_ros.core.planning.visibility import Share, Visibility, visibility, visible_share, visible_shares
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
+from rosette_ros.core.stated_environment import Environment
 from rosette_ros.core.touches import USUAL, USUAL_PACE, Pace
 
 VARIANTS = tuple((order, turning) for order in ORDERS for turning in ('forward', 'alternate')
@@ -27,7 +29,7 @@ ALMOST = 0.9
 WHOLE = 0.9
 """Measured share of the cells of its balls from which a run lacks the other balls by plan, not by a break."""
 GOOD_SHARE = 0.3
-"""Visible share from which an order shows an effect well."""
+"""Sensitivity from which an order shows an effect well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,7 @@ class OrderAdvice:
 
     run: that is measured so; sigma: standard deviation of a coordinate, m; wanted: names of the effects that count, all
     that can be judged if none; names: of those that are looked at, likewise; travel_time: s of table and CMM moves;
-    duration: s of the whole run.
+    duration: s of the whole run; environment: that is stated, None where none is.
     """
 
     order: str
@@ -48,6 +50,20 @@ class OrderAdvice:
     names: tuple[str, ...]
     travel_time: float
     duration: float
+    environment: Environment | None = None
+
+    @cached_property
+    def u(self) -> Floats | None:
+        """Standard uncertainties of the curves, rms over the angles, (6,), m and rad, of a run that shows nothing of
+        what may be there in the environment; None where none is stated."""
+        if self.environment is None:
+            return None
+        return np.asarray(np.sqrt(np.mean(expected_u(self.run, self.sigma, self.environment)**2, axis=0)))
+
+    @property
+    def displacement(self) -> float:
+        """Root of the square sum of these, m at a ball."""
+        return float(np.linalg.norm(self.u * np.repeat([1.0, self.run.radius], 3))) if self.u is not None else 0.0
 
     @property
     def label(self) -> str:
@@ -66,7 +82,7 @@ class OrderAdvice:
         return visibility(self.run, self.sigma, names=self.names)
 
     def share(self, name: str) -> float:
-        """Return the typical visible share of an effect."""
+        """Return the typical sensitivity to an effect."""
         return self.shares[name].typical_share
 
     @property
@@ -112,8 +128,8 @@ class Advice:
 def planned_run(scheme: Scheme, radius: float, pace: Pace = USUAL_PACE, rotation: Floats | None = None) -> Run:
     """Return a run as it is expected: nominal centres, times of moves and touches, slow warming; rotation: as of Run.
 
-    pace: of the cell. The temperature rises by 0.1 K along half a sine, so that what follows the temperature is not the
-    same as what follows the time.
+    pace: of the cell. The temperature rises by 0.1 K along half a sine, so that temperature and time
+    differ in shape.
     """
     centres = nominal_places(scheme.n, radius, scheme.table_position, scheme.ball)
     time = times_of(scheme, radius, np.where(scheme.touches > 0, scheme.touches, USUAL), pace)
@@ -129,43 +145,47 @@ def times_of(scheme: Scheme, radius: float, touches: Floats | Ints | int, pace: 
     centres = nominal_places(scheme.n, radius, scheme.table_position, scheme.ball)
     move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1)
     time = pace.times(np.broadcast_to(touches, move.shape), np.abs(np.diff(travel, prepend=travel[:1])), move)
-    return np.asarray(time - time[0])
+    return np.asarray(time - time[0] + np.cumsum(scheme.wait) - scheme.wait[0])
 
 
 def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),
-                 run: Run | None = None, rotation: Floats | None = None) -> OrderAdvice:
+                 run: Run | None = None, rotation: Floats | None = None,
+                 environment: Environment | None = None) -> OrderAdvice:
     """Return the OrderAdvice of a scheme.
 
     wanted: names that count, all that can be judged if none; names: of the effects to look at, all if none; run: that
-    was measured so, without it the run is taken as it is expected, with a rotation as of Run.
+    was measured so, without it the run is taken as it is expected, with a rotation as of Run; environment: that is
+    stated.
     """
     planned = planned_run(scheme, radius, rotation=rotation)
     backwards = scheme.approach < 0
     turning = 'clockwise' if backwards.all() else 'alternate' if backwards.any() else 'forward'
     duration = float(planned.time[-1])
     return OrderAdvice(scheme.order, turning, scheme.seed, run or planned, sigma, tuple(wanted), tuple(names),
-                       duration - Pace.touch * USUAL * (planned.size - 1), duration)
+                       duration - Pace.touch * USUAL * (planned.size - 1), duration, environment)
 
 
 def advise(n: int, order: str = 'diagonal', radius: float = 0.1825, sigma: float = 1e-7, wanted: Sequence[str] = (),
-           turning: str = 'forward', seed: int = 0) -> Advice:
+           turning: str = 'forward', seed: int = 0, environment: Environment | None = None) -> Advice:
     """Return the Advice for a cell of n balls that measures in `order` now.
 
     wanted: names of effects that the next run must show (the weak ones of the present order if none). The best order
     has the largest worst share over what is wanted; of orders within a tenth of it, the one with the least travel.
+    In an environment it is that of the least U; of orders within a tenth of it, the quickest.
     Raises NotDeterminable for an effect that the cell cannot have, whatever the order.
     """
-    return _advice(advise_order(plan(n, order, seed, turning), radius, sigma), n, radius, sigma, wanted, seed)
+    present = advise_order(plan(n, order, seed, turning), radius, sigma, environment=environment)
+    return _advice(present, n, radius, sigma, wanted, seed)
 
 
-def advise_run(run: Run, wanted: Sequence[str] = (), seed: int = 0) -> Advice:
+def advise_run(run: Run, wanted: Sequence[str] = (), seed: int = 0, environment: Environment | None = None) -> Advice:
     """Return the Advice for the cell that measured a run, its own times and senses; arguments as of `advise`.
 
     Orders are compared with the balls that the run has: a plate may have fewer balls than the table has positions.
     """
     sigma = run.repeatability or 1e-7
-    return _advice(advise_order(scheme_of(run), run.radius, sigma, run=run), run.n, run.radius, sigma, wanted, seed,
-                   run.rotation, _balls_in_use(run))
+    present = advise_order(scheme_of(run), run.radius, sigma, run=run, environment=environment)
+    return _advice(present, run.n, run.radius, sigma, wanted, seed, run.rotation, _balls_in_use(run))
 
 
 def _balls_in_use(run: Run) -> tuple[int, ...]:
@@ -194,11 +214,17 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
                                   f'shows: {why}')
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
     every = tuple(advise_order(plan(n, name, seed, turning, balls=balls), radius, sigma, wanted, names=wanted,
-                               rotation=rotation) for name, turning in VARIANTS)
+                               rotation=rotation, environment=present.environment) for name, turning in VARIANTS)
     best = _best(every, sorted(wanted, key=present.share))
-    if best.worst > min(present.share(name) for name in wanted) + BETTER:
+    if present.environment:
+        least = min(one.displacement for one in every)
+        best = min((one for one in every if ALMOST * one.displacement <= least), key=lambda one: one.duration)
+        is_better = ALMOST * present.displacement > best.displacement
+    else:
+        is_better = best.worst > min(present.share(name) for name in wanted) + BETTER
+    if is_better:
         best = advise_order(plan(n, best.order, seed, best.turning, balls=balls), radius, sigma, wanted,
-                            rotation=rotation)
+                            rotation=rotation, environment=present.environment)
     else:
         best = present
     return Advice(present, best, every, weak, wanted, balls)

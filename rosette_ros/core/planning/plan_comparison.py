@@ -3,16 +3,20 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.errors import counted
+from rosette_ros.core.errors import InvalidPlan, counted
+from rosette_ros.core.model.surroundings import MOST_BALLS as LARGEST
+from rosette_ros.core.model.surroundings import expected_u
 from rosette_ros.core.planning.advice import GOOD_SHARE, planned_run
 from rosette_ros.core.planning.expectation import Expectation, expect
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import Floats
-from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
+from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty, relative_uncertainty
 from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.stated_environment import Environment
 from rosette_ros.core.touches import USUAL_PACE, Pace
 
 NOTICED = 0.02
@@ -29,7 +33,7 @@ class Outlook:
     """A plan by its name, with what it determines; radius: m; sigma: of a coordinate from USUAL touches, m.
 
     effects: what it shows of each effect of the library, () for plates of more than MOST_BALLS balls; rotation: of the
-    table in the machine, as of Run.
+    table in the machine, as of Run; environment: that is stated; u: (n, 6) expected standard uncertainties, m and rad.
     """
 
     name: str
@@ -39,6 +43,20 @@ class Outlook:
     expectation: Expectation
     effects: tuple[Visibility, ...]
     rotation: Floats | None = None
+    environment: Environment | None = None
+
+    @cached_property
+    def u(self) -> Floats:
+        if self.environment is None:
+            return self.sigma * self.expectation.u
+        run = planned_run(self.scheme, self.radius, rotation=self.rotation)
+        return expected_u(run, self.sigma * self.expectation.spread, self.environment)
+
+    @property
+    def penalty(self) -> float:
+        """u relative to that of a complete run of the usual touches that hides nothing, rms over the curves."""
+        return relative_uncertainty((self.u / self.sigma)**2, self.radius) if self.environment else (
+            self.expectation.penalty)
 
     @property
     def shown(self) -> tuple[str, ...]:
@@ -52,17 +70,19 @@ class Outlook:
 
 
 def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace: Pace = USUAL_PACE,
-            effects: bool = True, rotation: Floats | None = None) -> Outlook:
-    """Return the Outlook of a plan; pace: of the cell; effects: whether to look at them.
+            effects: bool = True, rotation: Floats | None = None, environment: Environment | None = None) -> Outlook:
+    """Return the Outlook of a plan; pace: of the cell; effects: whether to look at them; environment: that is stated.
 
     rotation: of the table in the machine, as of Run: effects of gravity and of the CMM's axes depend on it.
 
     Raises InvalidPlan where the plan does not determine the curves or is too large.
     """
     expected = expect(scheme, radius, pace)
+    if environment and scheme.n > LARGEST:
+        raise InvalidPlan(f'{name}: wanted at most {LARGEST} balls in an environment, got {scheme.n}')
     seen = visibility(planned_run(scheme, radius, pace, rotation), sigma * expected.spread) if (
         effects and scheme.n <= MOST_BALLS) else ()
-    return Outlook(name, scheme, radius, sigma, expected, seen, rotation)
+    return Outlook(name, scheme, radius, sigma, expected, seen, rotation, environment)
 
 
 def point_of(plan: Outlook) -> Point:
@@ -78,7 +98,7 @@ def best_sets(n: int) -> list[tuple[float, float]]:
 
 def better(plans: Sequence[Outlook]) -> tuple[str, ...]:
     """Return in sentences which of several plans is better in which respect."""
-    said = [_best(plans, 'Uncertainty of the curves, relative to a complete run', lambda one: one.expectation.penalty,
+    said = [_best(plans, 'Uncertainty of the curves, relative to a complete run', lambda one: one.penalty,
                   '{:.2f}'),
             _best(plans, 'Time', lambda one: one.expectation.duration / 3600, '{:.2f} h')]
     if all(one.effects for one in plans):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an order of measurement can show: visible share, bias on the curves, smallest amplitude.
+"""What an order of measurement can show: sensitivity, bias on the curves, smallest amplitude.
 
-For an effect with columns D the visible part is D_perp = D - Q Q' D; what is not visible is taken up by plate and CMM,
+For an effect with columns D what is not absorbed is D_perp = D - Q Q' D; the rest is taken up by plate and CMM,
 harmlessly, or by the table, as a bias on the six curves.
 """
 
@@ -21,7 +21,7 @@ from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.records import Floats, Run
 
 DETECTABLE = 6.0
-"""Norm of the visible part, in sigma, that the search finds nearly always."""
+"""Norm of what is not absorbed, in sigma, that the search finds nearly always."""
 SAME_SHAPE = 0.95
 MOST_CHOICES = 60
 """Choices of an effect, such as the reading that is wrong, whose bias on the curves is looked at."""
@@ -29,7 +29,7 @@ MOST_CHOICES = 60
 
 @dataclass(frozen=True, eq=False)
 class Share:
-    """The visible share of one effect on a run.
+    """The sensitivity of one effect on a run.
 
     share: of its best setting; typical_share: median over its settings; setting: the typical one; of_choices: the
     typical one of each choice (of axes, ball ...), of many every second or so; reason: why the effect cannot be judged
@@ -55,7 +55,7 @@ class Visibility(Share):
 
     bias: (6,) largest change of each curve, m or rad, by an amplitude of any choice that moves the balls by one metre
     rms; detectable: rms displacement of the balls, by the amplitude that is seen best, that is found nearly always, m,
-    inf where hidden; alike: effects whose visible part has the same shape.
+    inf where hidden; alike: effects of which the same shape is left.
     """
 
     bias: Floats
@@ -77,6 +77,15 @@ def visibility(run: Run, sigma: float = 1e-7, terms: tuple[str, ...] = BASE_TERM
 def visible_shares(run: Run, terms: tuple[str, ...] = BASE_TERMS, names: tuple[str, ...] = ()) -> tuple[Share, ...]:
     """Return the Share of effects; arguments as of `visibility`."""
     return tuple(visible_share(run, name, terms) for name in effects_of(run) if not names or name in names)
+
+
+def strongest_first(run: Run, names: Sequence[str], terms: tuple[str, ...] = BASE_TERMS) -> tuple[str, ...]:
+    """Return effects of one size by what they do to the curves of a run, at a ball, the largest bias first."""
+    if not names:
+        return ()
+    bias = {one.name: float(np.max(one.bias * np.repeat([1.0, run.radius], 3)))
+            for one in _of_unit_noise(run, tuple(terms), tuple(names))}
+    return tuple(sorted(names, key=lambda name: -bias[name]))
 
 
 @lru_cache(maxsize=4096)
@@ -132,7 +141,8 @@ def _of_unit_size(columns: Floats) -> Floats:
 def _bias(run: Run, effect: Effect, settings: Sequence[Setting], space: BaseSpace) -> Floats:
     """Return the largest change of each curve, (6,), by a column of unit size."""
     columns = np.concatenate([np.moveaxis(effect.columns(run, setting), -1, 0) for setting in settings])
-    return np.asarray(np.abs(space.parameters(_of_unit_size(columns)).curves).max(axis=(0, 1), initial=0.0))
+    columns = _of_unit_size(columns)
+    return np.abs(space.parameters(columns).curves).max(axis=(0, 1)) if len(columns) else np.zeros(6)
 
 
 def _visible_part(run: Run, effect: Effect, setting: Setting, space: BaseSpace) -> tuple[float, Floats]:

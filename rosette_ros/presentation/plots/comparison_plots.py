@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bars to compare: errors of nested models, of candidates, visible parts of effects."""
+"""Bars to compare: residuals of nested models, of candidates, sensitivity to effects."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ from rosette_ros.core.diagnosis.candidates import Candidate
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import Floats
-from rosette_ros.presentation.formatting import CROSS_VALIDATION, VISIBLE, percent
+from rosette_ros.presentation.formatting import CROSS_VALIDATION, SENSITIVITY, percent
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.tables import nested_names
 
@@ -29,7 +29,7 @@ LONGEST_NAME = 28
 
 
 def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof: float | None = None) -> Figure:
-    """Return a figure: errors of nested models in fit and cross-validation, µm; repeatability: m, its band by dof."""
+    """Return a figure: residuals of nested models by fit and cross-validation, µm; repeatability: m, band by dof."""
     rows = np.arange(len(steps))
     made, [[panel]] = style.figure(0.45 * len(steps) + 0.5)
     fitted = np.array([1e6 * step.fit.rms for step in steps])
@@ -47,13 +47,13 @@ def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof:
         panel.axvline(known, color=style.INK, linewidth=1.6, linestyle=style.DASHED,
                       label=f'repeatability, {known:.3f} µm')
     panel.set_xlim(0, 1.13 * max(*fitted, *validated, known, 1e-9))
-    _name_rows(panel, nested_names(steps), 'error of a coordinate in µm (rms)', None, len(steps))
+    _name_rows(panel, nested_names(steps), 'residual of a coordinate in µm (rms)', None, len(steps))
     style.legend_of(made, [panel])
     return made
 
 
 def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure:
-    """Return a figure: how far each candidate lowers the cross-validation error, µm; noise: standard deviation, m."""
+    """Return a figure: how each candidate lowers the cross-validation residual, µm; noise: standard deviation, m."""
     rows = np.arange(len(every))
     before = np.array([1e6 * one.cross_validation_before for one in every])
     after = np.array([1e6 * one.cross_validation_after for one in every])
@@ -75,7 +75,7 @@ def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure
 
 def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
                labels: tuple[str, str] = ('this order', 'recommended order')) -> Figure:
-    """Return a figure: the typical visible part of every effect in an order, beside the recommended one."""
+    """Return a figure: the typical sensitivity of an order to every effect, beside the recommended one."""
     rows = -(-len(every) // 2)
     height = ROW * rows + 0.5
     made, panels = style.figure(height, 1, 2)
@@ -89,9 +89,9 @@ def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
                        markerfacecolor='white', markeredgewidth=1.3)
         panel.set_xlim(0, 1.02)
         marks = {share / 100: f'{share} %' for share in range(0, 101, 25)}
-        _name_rows(panel, [one.name for one in part], VISIBLE, marks, rows)
+        _name_rows(panel, [one.name for one in part], SENSITIVITY, marks, rows)
     looks = [(Patch(color=style.AFTER), labels[0]),
-             (Patch(**HIDDEN_LOOK), f'not visible (nowhere above {percent(HIDDEN_SHARE)})')]
+             (Patch(**HIDDEN_LOOK), f'hidden (nowhere above {percent(HIDDEN_SHARE)})')]
     if best:
         looks.append((panel.lines[0], labels[1]))
     style.legend(made, [look for look, _ in looks], [style.label_of(label) for _, label in looks])
@@ -105,7 +105,7 @@ def _bars_of_shares(panel: Axes, every: Sequence[Visibility], shares: Floats, ma
     panel.barh(rows[~hidden], shares[~hidden], 0.62, color=style.AFTER)
     panel.barh(rows[hidden], shares[hidden], 0.62, **HIDDEN_LOOK)
     for row in rows[hidden]:
-        text, colour = ('not judged', style.GREY) if every[row].reason else ('not visible', style.BEFORE)
+        text, colour = ('not judged', style.GREY) if every[row].reason else ('hidden', style.BEFORE)
         start = float(marks[row] if marks[row] < shares[row] + WORDS else shares[row])
         panel.annotate(text, (start, row), (5, 0), textcoords='offset points', va='center',
                        color=colour)

@@ -12,7 +12,7 @@ from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.planning.plan_comparison import Outlook, Point, best_sets, point_of
 from rosette_ros.core.records import Ints, Run
 from rosette_ros.core.scheme import Scheme, cmm_position
-from rosette_ros.presentation.formatting import VISIBLE, percent
+from rosette_ros.presentation.formatting import SENSITIVITY, percent
 from rosette_ros.presentation.plots import plot_style as style
 
 SEQUENCE = 'viridis'
@@ -100,7 +100,7 @@ def uncertainty_by_share(n: int, points: Sequence[Point]) -> Figure:
 
 
 def shares_of_plans(plans: Sequence[Outlook]) -> Figure:
-    """Return a figure: the typical visible part of each effect in several plans, shades with numbers."""
+    """Return a figure: the typical sensitivity of several plans to each effect, shades with numbers."""
     names = [one.name for one in plans[0].effects]
     values = np.array([[np.nan if one.reason else one.typical_share for one in plan.effects] for plan in plans]).T
     labels = {place: style.label_of(one.name if len(one.name) <= LABEL_LENGTH else f'{one.name[:LABEL_LENGTH - 1]}…')
@@ -118,6 +118,6 @@ def shares_of_plans(plans: Sequence[Outlook]) -> Figure:
     style.scale(panel, labels, {row: style.label_of(name) for row, name in enumerate(names)}, '')
     panel.xaxis.tick_top()
     panel.xaxis.set_tick_params(labelrotation=90 * upright)
-    made.suptitle(f'{VISIBLE}; well shown from {percent(GOOD_SHARE)} on', x=0.01, ha='left')
+    made.suptitle(f'{SENSITIVITY}; well shown from {percent(GOOD_SHARE)} on', x=0.01, ha='left')
     panel.spines[:].set_visible(False)
     return made

@@ -105,8 +105,9 @@ def _places(run: Run) -> list[tuple[str, Floats, dict[int, str] | None, int]]:
     """Return (label, values (N,), marks, sections) of all that the residuals are drawn over."""
     sections = max(1, min(SECTIONS, run.size // LEAST_MEAN))
     hours = (run.time - run.time[0]) / 3600
-    unit, time = ('hours', hours) if hours.max() > 1.5 else ('minutes', 60 * hours)
-    out = [(f'time in {unit}', time, None, sections),
+    label, time = (('readings since the first', 3600 * hours) if run.time_unit != 's' else
+                   ('time in hours', hours) if hours.max() > 1.5 else ('time in minutes', 60 * hours))
+    out = [(label, time, None, sections),
            ('table angle in degrees', np.rad2deg(run.table_angle + run.table_offset), ANGLES, run.n)]
     known = run.temperature[np.isfinite(run.temperature)]
     if known.size and np.ptp(known) > 0:

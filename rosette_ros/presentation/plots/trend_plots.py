@@ -22,7 +22,7 @@ MOST_ROOM = 5.0
 
 def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, float],
                      events: Sequence[Event], forecasts: Mapping[str, Forecast]) -> Figure:
-    """Return a figure of the six errors (peak to valley), (m, 6) with U, over the dates."""
+    """Return a figure of the ranges of the six error motions, (m, 6) with U, over the dates."""
     made, panels = style.figure(6.0, 3, 2)
     when = date2num(list(dates))
     for place, curve in enumerate(CURVES):
@@ -32,7 +32,7 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
                            label=f'± U (k = {COVERAGE_FACTOR})')
         panel.plot(when, y, color=style.AFTER, linewidth=1.0, marker='o', markersize=2.5, label='error of a run')
         top = float(np.max(y + spread))
-        words = f'{curve}, peak to valley'
+        words = f'{curve}, range'
         if curve in tolerances:
             limit = 1e6 * tolerances[curve]
             if limit > MOST_ROOM * top:

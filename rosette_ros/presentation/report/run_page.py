@@ -4,7 +4,6 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Summary, explanations_of
@@ -21,6 +20,7 @@ from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
+from rosette_ros.io.reading_checks import known_temperatures, temperature_words
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, budget_tables
@@ -48,7 +48,7 @@ from rosette_ros.words.verdict_words import HEADLINES, title_of, verdict_text
 
 MOST_CANDIDATES, MOST_SHARES, MOST_WEAK = 8, 3, 5
 COLUMNS = {'causes': ('probability', 'does', 'rms_after_um', 'check'),  # the sentence says what moves, by which law
-           'candidates': ('title', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
+           'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
            'spheres': ('ball', 'readings', 'radius_mm', 'form_um', 'largest_form_um', 'systematic_um', 'p', 'moved_um'),
            'visibility': ('title', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
                           'recommended_order_visible_fraction', 'recommended_order_detectable_rms_um', 'remark'),
@@ -195,13 +195,14 @@ def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
     reasons = [f'{title_of(one.name)} ({one.reason})' for one in every if one.reason]
     what = ('what the uncertainty budget lists' if made and made.inputs.is_stated else
             'the scatter of the readings and the uncertainty of the effects in the model')
+    beyond = beyond_words(made.inputs.environment if made else None)
     return list(filter(None, (
         *text.not_known(run, summary.fit.gauge),
         f'Not judged: {"; ".join(reasons)}.' if reasons else '',
-        'The temperature was not recorded.' if not np.isfinite(run.temperature).any() else '', *(
+        'The temperature was not measured.' if not known_temperatures(run).size else '', *(
             f'{note[0].upper()}{note[1:]}.' for note in run.notes),
         'The asynchronous error motion needs several runs.',
-        f'U contains {what}; it does not contain effects that are not in the model{beyond_words(made)}.')))
+        f'U contains {what}; it does not contain effects that are not in the model{beyond}.')))
 
 
 def fits_of(summary: Summary) -> list[tuple[str, Fit]]:
@@ -227,9 +228,9 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
              'a CMM; nothing in the data says that it is simulated'),
             ('Readings', text.run_size(run)),
             ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
-            ('Table axis', text.axis_words(run.rotation)), ('Order', order_of(run, source)),
+            ('Table axis', text.axis_words(run.rotation)), ('Sequence', text.sequence_words(order_of(run, source))),
             ('Start of the log', source.begun if source and source.begun else 'not recorded'),
-            ('Duration', text.run_duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
+            ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
@@ -243,8 +244,8 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
 
 
 def _temperature(run: Run) -> str:
-    known = run.temperature[np.isfinite(run.temperature)]
+    known = known_temperatures(run)
     if not known.size:
-        return 'not recorded'
+        return temperature_words(run.temperature) or 'not recorded'
     first, last, low, high = (text.fixed(float(one), 3) for one in (known[0], known[-1], known.min(), known.max()))
     return f'{first} °C at the start, {last} °C at the end, between {low} and {high} °C'

@@ -239,7 +239,7 @@ def verification_html(verification: Verification, command: str = '',
         verification=verification, iso=text.iso_range(verification.rotation),
         sizes=_bars(verification), files=tuple(files.values()), command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
-        p=f'{text.P_NOISE} of the differences: {text.p_value(verification.p)}', maker=maker_rows(verification),
+        p=f'{text.P_VALUE} of the differences: {text.p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), annexed=annexed,
         simulated=simulated_words(simulated, len(members)), model=text.model_words(members[0].fit.model),
@@ -311,8 +311,8 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
         words('run', 'run', [one.label for one in members]),
         words('run_id', 'name', map(_name, members)),
         micrometre_column('residual_rms_um', 'residual', [one.rms for one in fits]),
-        micrometre_column('cmm_rms_um', 'CMM deviations, rms', [_rms(one.cmm) for one in fits]),
-        micrometre_column('plate_rms_um', 'plate deviations, rms', [_rms(one.plate) for one in fits], 1)))
+        micrometre_column('cmm_rms_um', 'CMM measurement errors, rms', [_rms(one.cmm) for one in fits]),
+        micrometre_column('plate_rms_um', 'ball centre deviations, rms', [_rms(one.plate) for one in fits], 1)))
     spans = Table('run_spans', 'Peak to valley of the curves of each run', (
         words('run', 'run', [one.label for one in members]),
         *(column(f'span_{curve}_{key}', curve, [1e6 * float(peak_to_valley(one.error_motions[curve])) for one in fits],

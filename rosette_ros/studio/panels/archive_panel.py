@@ -165,7 +165,7 @@ class ArchivePanel:
         folder, model = self._folder.value.strip(), self._runs.model
         trend: TableTrend = await self._controller.ask('trend', view.table_trend, folder, table, model)
         self._trend, history = trend, trend.history
-        self._draw(f'Table {table or "without serial number"}: the six errors over time, with U (k = 2); shaded: '
+        self._draw(f'Table {table or "without serial number"}: error motions over time, with U (k = 2); shaded: '
                    'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,
                    history.dates, history.range, history.U, history.tolerances,
                    [(event.earliest - 1, event.latest, {step.series.name[:3] for step in event.steps

@@ -130,7 +130,7 @@ class CandidatesPanel:
 
     def _explain(self) -> None:
         effect = MEANINGS.get(self._other.value or '')
-        self._meaning.set_text(f'{effect.meaning} Check: {effect.look}' if effect else '')
+        self._meaning.set_text(f'{effect.meaning} Possible origin: {effect.look}' if effect else '')
 
     def show(self, _: OpenedRun) -> None:
         """Show the candidates."""
@@ -165,8 +165,8 @@ class CandidatesPanel:
                     ui.element('div').classes('list'):
                 for one in others:
                     self._add_card(one, run, OF_OTHERS)
-        if diagnosis.invisible:
-            ui.label(f'This run could not have shown {titles(diagnosis.invisible)}.').classes('small')
+        if hidden := diagnosis.verdict.hidden:
+            ui.label(f'This run could not have shown {titles(hidden)}.').classes('small')
 
     def _add_card(self, one: Candidate, run: Run, columns: tuple[str, ...], shapes: Sequence[Shape] = ()) -> None:
         with marked(ui.element('article').classes('candidate'), f'candidate-{one.effect}') as self._cards[one.effect]:

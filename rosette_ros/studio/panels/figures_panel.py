@@ -150,10 +150,10 @@ class FiguresPanel:
 
 
 def preview_words(change: Change) -> str:
-    """Return what a Change does to the errors, and whether it helps."""
+    """Return what a Change does to the residual, and whether it helps."""
     rows = change_errors(change).select('quantity', 'before', 'after', 'unit').rows
     errors = '; '.join(f'{quantity} {before} → {after} {unit}'.strip() for quantity, before, after, unit in rows)
-    judged = 'It helps' if change.helps else 'It makes the error larger' if change.hurts else 'It does not help'
+    judged = 'It helps' if change.helps else 'It makes the residual larger' if change.hurts else 'It does not help'
     return f'{judged}: {errors}.'
 
 

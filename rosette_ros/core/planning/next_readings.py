@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The next readings of a run: the block from which its explanations are expected to part most.
+
+    found = next_readings(run, model, readings=12, until=0.95)
+    found.is_settled     nothing more has to be measured
+    found.targets        else a Scheme of the block, in measuring order; None where no block helps (found.is_hopeless)
+
+A pure function of its arguments: the same run gives the same block, in a replay too. These are facts;
+words/settling_words.py says them.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.diagnosis import RunSearch, search_of
+from rosette_ros.core.diagnosis.posterior import HEARD, Posterior
+from rosette_ros.core.model.base_space import BaseSpace
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.block_ways import NEXT, Way, continued, last_sense, ways
+from rosette_ros.core.planning.predictions import Predictor, best_fit, expected_share, information, members_of
+from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.touches import USUAL_PACE, Pace
+
+BLOCK = 12
+"""Readings of a block unless another number is asked for."""
+UNTIL = 0.95
+"""Probability from which on an explanation is settled unless another one is asked for."""
+MOST = 10
+"""Explanations that a block is chosen by."""
+NOTICED = 1e-9
+"""Share by which a variance has to be lower for another CMM position to be taken."""
+LEAST = 0.05
+"""Information of all readings of the best way, nats, below which no block of this cell helps."""
+FINALISTS = 6
+"""Blocks that are calculated exactly as they would be measured: the best ones of all."""
+HASTE = 0.3
+"""The block of the most information over this power of its time is taken: ten times the time is worth twice as much."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """An explanation by the names of its members, sorted, those of a motion without a name being its variables, none
+    where nothing is missing; its probability over all kinds of noise."""
+
+    names: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Two explanations that are in doubt; expected: the probability, of these two, that readings are
+    expected to give the first if it is true."""
+
+    first: Contender
+    second: Contender
+    expected: float
+
+    @property
+    def now(self) -> float:
+        """The probability of the first of these two."""
+        return self.first.probability / (self.first.probability + self.second.probability)
+
+
+@dataclass(frozen=True, eq=False)
+class NextReadings:
+    """What to measure next, and why.
+
+    contenders: the explanations, the likeliest first; uncertainty: U (k = 2) of the worst point of the curves now, m,
+    tilts and turns at the ball circle; is_settled: whether every name has the wanted probability to be there, or not to
+    be, and U the wanted size where one is wanted; targets: the readings, in the order of measuring and as the cell
+    drives: turned as `approach` and after `wait` says; None where it is settled, or no block helps; gain: expected
+    information on the explanations, nats; duration: s from the last reading to the end of the block, moves and touches
+    included; separates: the two explanations that are in doubt, None where one is settled; expected_uncertainty: U
+    after the block, m; is_hopeless: whether it is not settled and no block of readings of this cell would settle it.
+    """
+
+    contenders: tuple[Contender, ...]
+    uncertainty: float
+    is_settled: bool
+    targets: Scheme | None = None
+    gain: float = 0.0
+    duration: float = 0.0
+    separates: Separation | None = None
+    expected_uncertainty: float = np.inf
+    is_hopeless: bool = False
+
+
+def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, pace: Pace = USUAL_PACE,
+                  until: float = UNTIL, uncertainty: float | None = None,
+                  refused: Sequence[Scheme] = ()) -> NextReadings:
+    """Return the NextReadings of a run under a model (the base model if none is given).
+
+    readings: most in the block; pace: of the cell; until: probability from which on an explanation is settled;
+    uncertainty: U from which on the curves are, m, None for any; refused: blocks that the CMM does not take, none of
+    which is given again. Raises as `diagnose`.
+    """
+    found = standing(run, model, until, uncertainty)
+    if found.is_settled:
+        return found
+    make = _parting if found.separates else _lowering
+    return make(search_of(run, model or Model()), found, readings, pace, refused)
+
+
+def standing(run: Run, model: Model | None = None, until: float = UNTIL,
+             uncertainty: float | None = None) -> NextReadings:
+    """Return what is known and what is in doubt, without a block; arguments and errors as of `next_readings`."""
+    search = search_of(run, model or Model())
+    contenders, now = contenders_of(search.posterior), expanded(best_fit(search))
+    pair = in_doubt(contenders, until)
+    return NextReadings(contenders, now, not pair and (uncertainty is None or now <= uncertainty), separates=pair,
+                        expected_uncertainty=now)
+
+
+def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
+             refused: Sequence[Scheme]) -> NextReadings:
+    """Return what was found with the block that parts the explanations most."""
+    run, pair = search.run, found.separates
+    assert pair is not None
+    likely = [pair.first, pair.second, *(one for one in found.contenders if one.probability > HEARD)]
+    likely = list(dict.fromkeys(likely))[:MOST]
+    p = np.array([one.probability for one in likely])
+    p /= p.sum()
+    predictor = Predictor(search, [members_of(search.posterior, one.names) for one in likely], p)
+    guessed = sorted((_guessed(predictor, way, readings, pace) for way in ways(run)), key=lambda one: -one[0])
+    if max(every for _, _, every in guessed) < LEAST:
+        return replace(found, is_hopeless=True)
+    made = []
+    for _, block, _ in guessed[:FINALISTS + len(refused)]:
+        if not any(same(block, one) for one in refused):
+            longer = continued(run, block, pace)
+            square = predictor.predicted(longer).distances
+            made.append((float(information(p, square)), float(longer.time[-1] - run.time[-1]), block, square))
+    if not made:
+        return replace(found, is_hopeless=True)
+    gain, duration, block, square = max(made, key=lambda one: one[0] / one[1]**HASTE)
+    pair = replace(pair, expected=expected_share(pair.now, float(square[0, 1])))
+    return replace(found, targets=block, gain=gain, duration=duration, separates=pair)
+
+
+def _lowering(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
+              refused: Sequence[Scheme]) -> NextReadings:
+    """Return what was found with the block that lowers U most: readings at some CMM positions, round the table."""
+    run, fit, block, best = search.run, best_fit(search), None, np.inf
+    while block is None or block.ball.size < readings:
+        at, (block, best) = block, (None, np.inf)
+        for spot in range(1, run.n + 1):
+            some = _round(run, spot, at, readings)
+            if some is not None and not any(same(some, one) for one in refused):
+                longer = continued(run, some, pace)
+                variance = BaseSpace(longer, fit.mean_radius).curve_cofactor() * _lever(fit)**2
+                if variance.mean() < best * (1 - NOTICED):
+                    block, best, worst = some, float(variance.mean()), float(variance.max())
+        if block is None:
+            return replace(found, is_hopeless=True)
+    duration = float(continued(run, block, pace).time[-1] - run.time[-1])
+    return replace(found, targets=block, duration=duration, expected_uncertainty=2 * fit.sigma * worst**0.5)
+
+
+def _round(run: Run, spot: int, before: Scheme | None, readings: int) -> Scheme | None:
+    """Return a block with readings at a CMM position more, at each table position, as far as there are balls; None
+    where there are none.
+
+    before: the block so far; readings: most in the block."""
+    last = int((before.table_position if before else run.table_position)[-1])
+    sense = last_sense(run)
+    position = (last - 1 + sense * np.arange(1, run.n + 1)) % run.n + 1
+    ball = (spot - position) % run.n + 1
+    used = np.isin(ball, run.balls)
+    position, ball = position[used], ball[used]
+    if before:
+        position, ball = (np.concatenate(one) for one in ((before.table_position, position), (before.ball, ball)))
+    size = min(position.size, readings)
+    return Scheme(run.n, NEXT, 0, position[:size], ball[:size], np.full(size, sense), table_offset=run.table_offset)
+
+
+def _guessed(predictor: Predictor, way: Way, readings: int, pace: Pace) -> tuple[float, Scheme, float]:
+    """Return how much the readings of a way that part the explanations most do so for the time that they take, about,
+    these readings, and how much all of the way do, nats."""
+    run, every = predictor.run, way.every(predictor.run)
+    guess = predictor.predicted(continued(run, every, pace))
+    some, gain = guess.chosen(readings)
+    block = _taken(every, np.sort(some))
+    rate = gain / float(continued(run, block, pace).time[-1] - run.time[-1])**HASTE
+    return rate, block, guess.information
+
+
+def _taken(scheme: Scheme, some: Ints) -> Scheme:
+    """Return some readings of a scheme, the wait before the first one included."""
+    wait = np.zeros(len(some))
+    wait[0] = scheme.wait[0]
+    return replace(scheme, **{name: getattr(scheme, name)[some] for name in (
+        'table_position', 'ball', 'approach', 'touches', 'session')}, wait=wait)
+
+
+def contenders_of(posterior: Posterior) -> tuple[Contender, ...]:
+    """Return the explanations of a run, whatever the kind of noise, the likeliest first."""
+    out: dict[tuple[str, ...], float] = {}
+    for (names, _), p in posterior.p.items():
+        out[names] = out.get(names, 0.0) + p
+    return tuple(Contender(names, p) for names, p in sorted(out.items(), key=lambda one: -one[1]))
+
+
+def in_doubt(contenders: Sequence[Contender], until: float) -> Separation | None:
+    """Return the likeliest explanation and the likeliest one that lacks, or has, the name that is most in doubt.
+
+    None where every name has a probability of `until` at least, or of 1 - until at most."""
+    best, p = contenders[0], Counter[str]()
+    for one in contenders:
+        p.update(dict.fromkeys(one.names, one.probability))
+    open_names = [name for name in sorted(p) if 1 - until < p[name] < until]
+    if not open_names:
+        return None
+    name = min(open_names, key=lambda each: abs(p[each] - 0.5))
+    return Separation(best, next(one for one in contenders if (name in one.names) != (name in best.names)), until)
+
+
+def expanded(fit: Fit) -> float:
+    """Return U (k = 2) of the worst point of the curves, m, tilts and turns at the ball circle."""
+    return float(2 * np.max(fit.error_motions.u * _lever(fit)))
+
+
+def _lever(fit: Fit) -> Floats:
+    """Return by what each curve is a length at the ball circle, (6,)."""
+    return np.repeat([1.0, fit.mean_radius], 3)
+
+
+def same(one: Scheme, other: Scheme) -> bool:
+    """Return whether two blocks are the same readings, driven in the same way."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name))
+               for name in ('table_position', 'ball', 'approach', 'wait'))

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the next readings of a run are for, in words."""
+
+from collections import Counter
+
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.planning.next_readings import Contender, NextReadings, Separation
+from rosette_ros.words.effect_words import capital, names, title_of
+
+NOTHING = 'nothing more'
+NOTHING_TO_DO = 'Nothing more has to be measured.'
+
+
+def contender_words(one: Contender, other: Contender | None = None) -> str:
+    """Return what an explanation has beyond another one, in words: 'a warm-up of the frame', 'nothing more'."""
+    own = Counter(one.names) - Counter(other.names if other else ())
+    words = [title_of(name) if name in EFFECTS else f'something with {name}' for name in own.elements()]
+    return names(words) if words else NOTHING
+
+
+def pair_words(pair: Separation, between: str) -> str:
+    """Return the two explanations in doubt with a word between them."""
+    return f'{contender_words(pair.first, pair.second)} {between} {contender_words(pair.second, pair.first)}'
+
+
+def open_words(found: NextReadings) -> str:
+    """Return what is open: 'settling: warm-up or drift, 61 : 39', '' where nothing is."""
+    if found.is_settled:
+        return ''
+    if (pair := found.separates) is None:
+        return f'settling: U is {1e6 * found.uncertainty:.3g} µm'
+    return f'settling: {pair_words(pair, "or")}, {odds(pair.now)}'
+
+
+def block_words(found: NextReadings) -> str:
+    """Return what the block is expected to tell, '' where there is none: 'separates warm-up from drift: 8 readings, 4
+    min, from 61 : 39 to 95 : 5 expected'."""
+    if found.targets is None:
+        return ''
+    size = f'{found.targets.ball.size} readings, {max(found.duration / 60, 1):.0f} min'
+    if (pair := found.separates) is None:
+        return (f'lowers U: {size}, from {1e6 * found.uncertainty:.3g} to {1e6 * found.expected_uncertainty:.3g} µm '
+                'expected')
+    return (f'separates {pair_words(pair, "from")}: {size}, from {odds(pair.now)} to {odds(pair.expected)} '
+            'expected')
+
+
+def hopeless_words(found: NextReadings) -> str:
+    """Return why no block helps, '' where one does: 'no reading of this cell separates A from B'."""
+    if not found.is_hopeless:
+        return ''
+    if (pair := found.separates) is None:
+        return f'no reading of this cell lowers U, {1e6 * found.uncertainty:.3g} µm, any further'
+    return f'no reading of this cell separates {pair_words(pair, "from")}'
+
+
+def standing_words(found: NextReadings) -> str:
+    """Return how it stands: 'warm-up or drift, 61 : 39', why no block helps, or what is settled."""
+    if found.is_settled:
+        return contender_words(found.contenders[0])
+    return hopeless_words(found) or open_words(found).removeprefix('settling: ')
+
+
+def next_words(found: NextReadings) -> list[str]:
+    """Return what is known, what is in doubt and what the block is for, a sentence each."""
+    if found.is_settled:
+        best = found.contenders[0]
+        return [f'Settled: {contender_words(best)}, U = {1e6 * found.uncertainty:.3g} µm.', NOTHING_TO_DO]
+    return [f'{capital(text)}.' for text in (open_words(found), block_words(found), hopeless_words(found)) if text]
+
+
+def odds(share: float) -> str:
+    """Return a probability against the rest: '61 : 39'."""
+    first = min(max(round(100 * share), 1), 99)
+    return f'{first} : {100 - first}'

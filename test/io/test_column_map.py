@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of other programs, written by hand after their documentation, are read by a map of their columns."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_ball_centre_table import TABLE, parse, rows
+
+from rosette_ros.cli import data
+from rosette_ros.cli.main import main
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.ball_centre_table import parse_csv, read_csv
+from rosette_ros.io.column_map import format_columns
+from rosette_ros.io.csv_parser import proposal_for, read_columns
+
+FOREIGN = Path(__file__).parent / 'foreign'
+CENTRES = [[100.0012, 0.0004, -0.0011], [-50.0007, 86.6031, 0.0002], [-49.9993, -86.6022, 0.0008],
+           [-50.0003, 86.6018, -0.0006], [-50.0009, -86.6027, 0.0005], [100.0004, -0.0013, 0.0009]]
+TIMES = [0, 31, 62, 100, 131, 162]
+COUNTED = [0, 1, 2, 3, 4, 5]
+MAPS = {
+    'calypso_chr.txt': ('name=id,axis=idsymbol,value=actual,pattern=Ball{ball}_T{table}', COUNTED),
+    'pcdmis.csv': ('name=Feature,axis=Axis,value=Meas,pattern=POS{table}_SPH{ball}', COUNTED),
+    'plain.csv': ('ball=Kugel,angle=Drehwinkel [°],time=Zeit,x=X,y=Y,z=Z', TIMES),
+    'fields.dfq': ('axis=K2002,value=K0001,time=K0004,table=Table,ball=Ball', TIMES),
+    'values.dfq': ('time=K0004,name=K2002,value=K0001,pattern=Kugel{ball}_Tisch{table}.{axis}', TIMES),
+    'results.qif': ('time=TimeStamp,x=x,y=y,z=z,name=FeatureName,pattern=P{table} Ball {ball}', TIMES)}
+
+
+@pytest.mark.parametrize('name', MAPS)
+def test_a_table_of_another_program_is_read_by_its_map(name, tmp_path, capsys):
+    """Two of three table positions of three balls, in mm and inch; the map is written, and read again."""
+    words, times = MAPS[name]
+    path, file = FOREIGN / name, tmp_path / 'map.yaml'
+    given = f'{words},radius_mm=100,balls=3'
+    assert main(['import', str(path), '--columns', given, '--save', str(file)]) == 0
+    assert f'evaluate {path} --columns {file}' in capsys.readouterr().out
+    run = read_csv(path, read_columns(str(file)))
+    assert (run.n, run.radius) == (3, 0.1)
+    assert (run.table_position.tolist(), run.ball.tolist()) == ([1, 1, 1, 2, 2, 2], [1, 2, 3, 1, 2, 3])
+    np.testing.assert_allclose(1e3 * run.centre, CENTRES, atol=2e-6)  # inches with 7 decimals
+    assert run.time.tolist() == times
+    assert any(one.startswith(f'columns were taken by a map: {words}') for one in run.notes)
+
+
+@pytest.mark.parametrize('name', [name for name in MAPS if name != 'fields.dfq'])  # which has a field for each number
+def test_the_columns_are_proposed(name):
+    """From the names of the columns and of the features; the error of a command says the whole proposal, once."""
+    words, _ = MAPS[name]
+    found = proposal_for((FOREIGN / name).read_bytes(), name)
+    assert {**found.entries, 'radius_mm': ''} == dict(one.split('=') for one in f'{words},radius_mm='.split(','))
+    with pytest.raises(InvalidData, match=re.escape('wanted "# schema: rosette-ball-centres/1" and "# radius_mm: ...", '
+                       'the nominal radius of the circle of ball centres, in the first lines, the columns ')) as caught:
+        read_csv(FOREIGN / name)
+    assert re.search(r"; if these are ball centres, try: rosette import \S+ --columns '.*' --save map.yaml$",
+                     str(caught.value))
+
+
+def test_a_map_says_all_that_is_missing_at_once():
+    """Of columns and of the heading; of columns that the file has not; of patterns that no name fits."""
+    data_of = (FOREIGN / 'plain.csv').read_bytes()
+    for words, error in (
+            ('x=X,y=Y', 'in the first lines, the columns table_position, ball, z_mm, got x_mm,y_mm; say all of it in'),
+            ('x=XX,y=Y,z=ZZ', 'line 2: wanted the columns XX, ZZ of --columns, got Kugel,X,Y,Z'),
+            ('x', 'x: wanted a file of columns that can be read'), ('x=X,y', "wanted quantity=column,..., got 'y'"),
+            ('x=X,x=Y', 'wanted each quantity once'), ('xx=X,y=Y', "'xx'"), ('x=X,pattern={bal}', "pattern: .*'bal'"),
+            ('name=Kugel,pattern=K{ball},x=X,y=Y,z=Z', "line 3: wanted names such as 'K{ball}', got '3'")):
+        with pytest.raises(InvalidData, match=error):
+            parse_csv(data_of, 'plain.csv', read_columns(words))
+
+
+def test_a_clockwise_angle_and_other_units():
+    """A minus sign before the column turns it; what the map says of a unit or the radius counts, the heading less."""
+    text = '# radius_mm: 1\nN;X;Y;Z;R\n' + '\n'.join(
+        f'{ball};{x / 10};{y / 10};{z / 10};{-angle}' for ball, angle, (x, y, z) in zip(
+            (1, 2, 3, 1, 2, 3), (0, 0, 0, 120, 120, 120), CENTRES))
+    run = parse_csv(text.encode(), 't.csv', read_columns('ball=N,x_cm=X,y_cm=Y,z_cm=Z,angle=-R,radius_cm=10,balls=3'))
+    assert run.table_position.tolist() == [1, 1, 1, 2, 2, 2] and run.radius == pytest.approx(0.1)
+    np.testing.assert_allclose(1e3 * run.centre, CENTRES, atol=1e-12)
+
+
+def test_values_without_a_measurement_are_passed_over():
+    """AQDEF: attributes 255 and 256; QIF: spheres without a place, text that is no XML, units of none."""
+    fields = (FOREIGN / 'fields.dfq').read_text()
+    columns = read_columns(f'{MAPS["fields.dfq"][0]},radius_mm=100,balls=3')
+    more = fields + 'K0001/1 2\nK0002/1 256\nK0001/2 2\nK0002/2 256\n'
+    assert parse_csv(more.encode(), 'f', columns).size == 6
+    with pytest.raises(InvalidData, match='K2142: wanted one unit of all coordinates, got inch, mm'):
+        parse_csv(fields.replace('K2142/5 mm', 'K2142/5 inch').encode(), 'f', columns)
+    qif = (FOREIGN / 'results.qif').read_text()
+    columns = read_columns(f'{MAPS["results.qif"][0]},radius_mm=100,balls=3')
+    with pytest.raises(InvalidData, match='wanted QIF .XML., got text that is none: '):
+        parse_csv(qif[:-20].encode(), 'f', columns)
+    with pytest.raises(InvalidData, match='LinearUnit: wanted one of mm, cm, m, um, inch, got 0.3048 m'):
+        parse_csv(qif.replace('0.0254', '0.3048').encode(), 'f', columns)
+    with pytest.raises(InvalidData, match='wanted QIF results with measured spheres'):
+        parse_csv(qif.replace('Sphere', 'Circle').encode(), 'f', columns)
+    with pytest.raises(InvalidData, match='line 41: column ball'):
+        parse_csv(qif.replace('P2 Ball 1', 'P2 Ball 4').encode(), 'f', columns)
+
+
+def test_the_dialogue_asks_on_a_terminal_only(monkeypatch, tmp_path, capsys):
+    """Enter takes what is proposed, another answer counts, - leaves out; a table of our own is not asked about."""
+    path, file = FOREIGN / 'plain.csv', tmp_path / 'map.yaml'
+    answers = {'radius': '100', 'table angle': '', 'temperature': '-', 'frame': ''}
+    asked = []
+
+    def answer(question):
+        asked.append(question)
+        return next((text for key, text in answers.items() if question.startswith(key)), '')
+
+    monkeypatch.setattr('builtins.input', answer)
+    assert main(['import', str(path), '--save', str(file)]) == 2
+    assert not asked and 'try: rosette import' in capsys.readouterr().err
+    for stream in ('stdin', 'stdout'):
+        monkeypatch.setattr(f'sys.{stream}.isatty', lambda: True)
+    assert data.asked_columns(str(path)).heading == {'radius_mm': '100'}
+    assert any('[Drehwinkel [°]]' in one for one in asked)
+    made = data.asked_columns(str(path))
+    assert read_columns(str(_written(file, format_columns(made)))) == made
+    count = len(asked)
+    assert data.asked_columns(str(_written(tmp_path / 'own.csv', TABLE))) is None and len(asked) == count
+
+
+def _written(path, text):
+    path.write_text(text)
+    return path
+
+
+def test_dates_are_seconds_since_the_first():
+    """ISO 8601 with a space, T, fractions and a zone, day.month.year; mixed ones are refused as before."""
+    for form in ('2026-11-27 08:{:02d}:00', '2026-11-27T08:{:02d}:00+01:00', '20261127T08{:02d}00.0',
+                 '7.3.2026 08:{:02d}', '27.11.2026/08:{:02d}:00'):
+        text = rows(lambda cells, form=form: [*cells[:8], form.format(int(float(cells[8]) // 30)), *cells[9:]])
+        run = parse(text.replace('time_s', 'time'))
+        assert run.time.tolist() == [60 * (one // 30) for one in parse(TABLE).time.tolist()], form
+        assert 'dates with time of day were taken as seconds since the first' in run.notes
+    mixed = rows(lambda cells: [*cells[:8], f'2026-11-27 08:00:00{"Z" * (int(cells[0]) % 2)}', *cells[9:]])
+    with pytest.raises(InvalidData, match='it looks like a date or a time of day'):
+        parse(mixed)

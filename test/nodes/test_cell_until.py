@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cell that measures until nothing is open: one run, one log, which alone tells why each reading was made."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+import yaml
+from rclpy.serialization import deserialize_message
+from rosette_msgs.msg import BallCentre, CalibrationEvent, ProbeTarget
+
+from rosette_ros.calibration.settings import PLANNED, plan_of
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import MODULES
+from rosette_ros.cli.main import main
+from rosette_ros.cli.replay import decisions_of
+from rosette_ros.core.errors import CellError
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.messages import Phase, answer_of
+from rosette_ros.nodes import names, qos
+from rosette_ros.nodes.conversions import target_message
+
+pytestmark = pytest.mark.long
+
+N, MOST = 6, 12
+HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
+GOAL = {'order': 'row', 'until_probability': 1 - 1e-9, 'most_readings': MOST}
+"""A probability that no run reaches: readings are added up to the limit, or until none helps."""
+ASKING = 'asking the evaluator'
+
+
+@pytest.fixture(scope='module')
+def cell(module_domain_id, make_cell, tmp_path_factory):
+    """Yield a running cell whose machine hides a drift."""
+    with make_cell(module_domain_id, tmp_path_factory.mktemp('cell'), N, groups={'hidden': HIDDEN}) as running:
+        yield running
+
+
+@pytest.fixture(scope='module')
+def outcome(cell, module_domain_id):
+    """Return the Outcome of a run that grew, and the texts of its states."""
+    texts = []
+    with CellClient(module_domain_id) as client:
+        outcome = client.calibrate(**GOAL, on_progress=lambda progress: texts.append(progress.text), check=cell.check)
+    assert outcome.success, outcome.message
+    return outcome, texts
+
+
+def decided(log):
+    """Return the texts of the events about what was added, and the readings added in the end, at least one."""
+    events = [one for one in log.events if one.kind == CalibrationEvent.EXTENDED]
+    added = yaml.safe_load(events[-1].settings)['added'].split(', ')
+    assert 0 < len(added) <= MOST
+    return [one.text for one in events], added
+
+
+def readings(run):
+    """Return table position and ball of the targets of phase RUN, in order of seq."""
+    last = {one.seq: one for one in run.targets if one.phase == Phase.RUN}
+    return [(last[seq].table_position, last[seq].ball) for seq in sorted(last)]
+
+
+def test_one_run_grows_block_by_block(outcome):
+    """All in one log: the blocks numbered on, the reason of each, the drift check last; the limit holds."""
+    result, texts = outcome
+    log = read_log(result.log)
+    texts_of_events, added = decided(log)
+    assert log.problems == () and log.run_ids == (result.run_id,)
+    assert log.to_run().size == N * N + len(added)
+    assert [text.partition(':')[0] for text in texts_of_events] == ['settling'] * (len(texts_of_events) - 1) + [
+        'not settled']
+    assert result.message.endswith(texts_of_events[-1])
+    if len(added) == MOST:
+        assert f'after as many readings as are to be added ({MOST})' in result.message
+    (run,) = log.runs.values()
+    assert [f'{i} {j}' for i, j in readings(run)[N * N:]] == [' '.join(row.split()[:2]) for row in added]
+    assert [one.seq for one in run.targets] == list(range(1, len(run.targets) + 1))
+    assert run.targets[-1].phase == Phase.DRIFT_CHECK
+    assert any(text.startswith('settling: ') and f'; run {N * N + 1} of ' in text for text in texts)
+    assert any(text.startswith(ASKING) for text in texts)
+
+
+def test_a_replay_gives_the_same_blocks(outcome, domain_id, capsys):
+    """An evaluator that knows nothing but the log answers each request as it was answered."""
+    log = outcome[0].log
+    times = len(list(decisions_of(log)))
+    assert times == len(decided(read_log(log))[0])
+    assert main(['replay', str(log), '--domain', str(domain_id)]) == 0
+    printed = ' '.join(capsys.readouterr().out.split())
+    assert 'equal to those in the log, bit for bit' in printed
+    assert f'next readings equal to those in the log, {times} times' in printed
+
+
+def completed(calibrate):
+    """Return the Outcome of a run that is resumed, None where nothing is missing; waits for a cell that starts."""
+    deadline = time.monotonic() + 60
+    while True:
+        try:
+            return calibrate()
+        except CellError as error:
+            if 'lacks nothing' in str(error):
+                return None
+            assert 'wanted' in str(error) and time.monotonic() < deadline, error
+            time.sleep(0.2)
+
+
+@pytest.mark.parametrize('name', MODULES)
+def test_a_node_is_killed_while_a_block_is_asked(cell, module_domain_id, name, domain_id, capsys):
+    """Nothing is lost, the run ends as it would have, and its log gives the same blocks again."""
+    killed = []
+
+    def look(progress):
+        if progress.text.startswith(ASKING) and not killed:
+            killed.append(progress.done)
+            cell.processes[name].popen.send_signal(signal.SIGKILL)
+            cell.processes[name].popen.wait(60)
+            cell.restart_failed()
+
+    with CellClient(module_domain_id) as client:
+        try:
+            outcome = client.calibrate(**GOAL, on_progress=look)
+        except CellError as error:
+            assert name == 'sequencer' and 'rosette calibrate --resume' in str(error)
+            outcome = None
+        run_id = client._run_id
+    if outcome is None or not outcome.success:
+        with CellClient(module_domain_id) as client:
+            outcome = completed(lambda: client.calibrate(resume=run_id))
+    assert killed and outcome.success, outcome.message
+    log = read_log(outcome.log)
+    _, added = decided(log)
+    assert log.problems == ()
+    assert len(readings(log.runs[run_id])) == N * N + len(added)
+    assert {one.seq for one in log.answers} == set(range(1, 3 + 2 * N + N * N + len(added) + 2))
+    assert main(['replay', str(outcome.log), '--domain', str(domain_id)]) == 0
+    assert 'next readings equal to those in the log' in ' '.join(capsys.readouterr().out.split())
+
+
+def test_a_run_is_cancelled_while_a_block_is_asked(cell, module_domain_id):
+    """At once; the answer that comes later changes nothing, and the run can be resumed."""
+    def look(progress):
+        if progress.text.startswith(ASKING):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with CellClient(module_domain_id) as client:
+        outcome = client.calibrate(**GOAL, on_progress=look)
+        assert outcome.cancelled and 'continue with: rosette calibrate --resume' in outcome.message
+        again = client.calibrate(resume=str(outcome.log))
+    assert again.success and 'not settled: ' in again.message
+
+
+def test_a_simulated_machine_waits_for_the_time_of_a_target(cell_of, peer, wait_until):
+    """The next answer is so much later; a stamp that is past, or absurd, changes nothing."""
+    made = plan_of({wanted.name: wanted.default for wanted in PLANNED} | {'plate.balls': 4})
+    out = peer.node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
+    peer.listen(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre')
+    stamps, heard = [], peer.heard[names.BALL_CENTRE]
+    with cell_of(4, nodes=('cmm',)):
+        peer.start()
+        wait_until(lambda: out.get_subscription_count())
+        for count, wait in enumerate((0.0, 0.0, 600.0, -600.0, 1e9)):
+            target = made.placed(made.target(0), made.taught, 'machine')._replace(
+                run_id='a', seq=count + 1, stamp_ns=(stamps or [0])[-1] + round(1e9 * wait))
+            out.publish(target_message(target))
+            wait_until(lambda count=count: len(heard) > count)
+            stamps.append(answer_of(deserialize_message(heard[-1], BallCentre)).stamp_ns)
+    steps = np.diff(stamps) * 1e-9
+    assert 600.0 < steps[1] < 600.0 + steps[0]  # stamps are the middle of the touches
+    assert steps[[2, 3]] == pytest.approx(steps[[0, 0]], rel=0.1)
+
+
+def test_a_goal_outside_the_limits_is_refused(cell, module_domain_id):
+    """In one line, before anything is measured."""
+    with CellClient(module_domain_id) as client, pytest.raises(CellError) as caught:
+        client.calibrate(until_probability=0.4)
+    assert 'until.probability: wanted a number above 0.5 and below 1, or 0 for none, got 0.4' in str(caught.value)
