@@ -14,7 +14,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.verdict import Outcome, VerdictText
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import TWO_PI, Floats, Frame, rotate_z, wrap
-from rosette_ros.core.scheme import nominal_places, order_name
+from rosette_ros.core.scheme import nominal_places
 
 FRAMES = MACHINE_FRAME, TABLE_FRAME = 'machine', 'table'
 STATUS_OK, STATUS_REFUSED = 0, 2
@@ -170,13 +170,14 @@ class Rows(Sequence[Row]):
     def __init__(self, kind: type[Row]) -> None:
         self._kind: type[Row] = kind
         self._texts, self._numbers = list[str](), dict[str, int]()
-        self._columns = [(array({int: 'q', str: 'l'}.get(held, 'd')), held is str, held not in (int, str, float))
-                         for held in kind.__annotations__.values()]
+        self._columns: list[tuple[array[Any], bool, bool]] = [
+            (array({int: 'q', str: 'l'}.get(held, 'd')), held is str, held not in (int, str, float))
+            for held in kind.__annotations__.values()]
 
     def append(self, row: Row) -> None:
         """Add a row."""
-        value: Any
-        for (column, is_text, is_point), value in zip(self._columns, row, strict=True):
+        values: tuple[Any, ...] = row
+        for (column, is_text, is_point), value in zip(self._columns, values, strict=True):
             if is_point:
                 column.extend(value)
             elif is_text:
@@ -194,9 +195,9 @@ class Rows(Sequence[Row]):
         if isinstance(place, slice):
             return [self[one] for one in range(len(self))[place]]
         row = range(len(self))[place]
-        values: list[Any] = [self._texts[column[row]] if is_text else tuple(column[3 * row:3 * row + 3]) if is_point
-                             else column[row] for column, is_text, is_point in self._columns]
-        return self._kind(*values)
+        return self._kind._make(
+            self._texts[column[row]] if is_text else tuple(column[3 * row:3 * row + 3]) if is_point else column[row]
+            for column, is_text, is_point in self._columns)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and list(self) == list(other)
@@ -221,8 +222,8 @@ def nanoseconds(stamp: Any) -> int:
 
 def progress_of(message: Any) -> CalibrationProgress:
     """Return the CalibrationProgress of a RunState."""
-    return CalibrationProgress(plain(message.run_id), message.phase, order_name(plain(message.order)), message.done,
-                               message.total, plain(message.text, most=4000))
+    return CalibrationProgress(plain(message.run_id), message.phase, plain(message.order), message.done, message.total,
+                               plain(message.text, most=4000))
 
 
 def verdict_of(message: Any) -> VerdictText | None:

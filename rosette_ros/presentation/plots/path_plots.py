@@ -33,7 +33,7 @@ def probe_path(points: Floats, is_touch: Bools, radius: float, shaft: tuple[floa
     scale = min((style.WIDTH - _LEFT - _RIGHT) / wide, _HIGHEST / tall.sum())
     whole = scale * tall.sum() + 2 * (_BELOW + _ABOVE) + _LEGEND
     made = Figure(figsize=(style.WIDTH, whole))
-    made.set_layout_engine('none')  # of a scale that no layout keeps
+    made.set_layout_engine('none')  # none keeps the scale
     foot = whole
     for up, size, words in zip((0, 2), scale * tall, ('seen against the axis', 'seen from outside, towards the axis')):
         foot -= _ABOVE + size
