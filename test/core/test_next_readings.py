@@ -10,10 +10,10 @@ from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.planning.block_ways import Way, continued, ways, with_block
+from rosette_ros.core.planning.block_ways import BlockWay, continued, ways, with_block
 from rosette_ros.core.planning.next_readings import (
     Contender,
-    Step,
+    SettlingStep,
     in_doubt,
     leading,
     next_readings,
@@ -94,7 +94,7 @@ def test_a_run_goes_on_as_the_machine_does():
 def test_readings_of_a_block_beat_chance():
     """Those that are chosen on a way tell more than any of 30 draws of as many on it."""
     run = warming()
-    every = Way(np.array([1, 3, 5]), np.ones(3, dtype=int), 3600.0).every(run)
+    every = BlockWay(np.array([1, 3, 5]), np.ones(3, dtype=int), 3600.0).every(run)
     explanations = [members(DRIFT, axes='xyz'), members(WARM_UP, axes='xyz', tau=600.0)]
     predictor = Predictor(search_of(run, Model()), explanations, np.array([0.5, 0.5]))
     guess = predictor.predicted(continued(run, every, USUAL_PACE))
@@ -120,7 +120,7 @@ def test_a_wait_parts_warm_up_from_drift():
     predictor = Predictor(search_of(run, Model()), explanations, np.array([0.5, 0.5]))
     squares = []
     for wait in (0.0, 3600.0, 36000.0):
-        every = Way(np.array([1]), np.ones(1, dtype=int), wait).every(run)
+        every = BlockWay(np.array([1]), np.ones(1, dtype=int), wait).every(run)
         squares.append(predictor.predicted(continued(run, every, USUAL_PACE)).distances[0, 1])
     assert squares[0] < squares[1] / 2 < squares[2] / 4
 
@@ -233,8 +233,8 @@ def test_ways_see_what_the_run_saw():
 
 def test_the_leading_explanations_of_a_run():
     """Those that were the likeliest at any step, each with its probability at every one."""
-    steps = [Step(36, (Contender(('a',), 0.6), Contender(('b',), 0.3), Contender(('c',), 0.05)), 1e-7),
-             Step(48, (Contender(('b',), 0.9), Contender(('a',), 0.1)), 9e-8)]
+    steps = [SettlingStep(36, (Contender(('a',), 0.6), Contender(('b',), 0.3), Contender(('c',), 0.05)), 1e-7),
+             SettlingStep(48, (Contender(('b',), 0.9), Contender(('a',), 0.1)), 9e-8)]
     assert leading(steps, 2) == {('b',): [0.3, 0.9], ('a',): [0.6, 0.1]}
 
 

@@ -267,7 +267,7 @@ class Search:
             return 2 * float(state.line(one.rows).max())
 
         reached = offer.family.effect.brackets(self.evidence.run, offer.setting)
-        apart = (setting for setting in offer.next if any(
+        apart = (setting for setting in offer.next if setting.keys() != offer.setting.keys() or any(
             not min(reach) <= setting.number(name) <= max(reach) for name, reach in reached.items() if len(reach)))
         starts = [offer.setting, *islice(apart, 1)]
         return max((refined(self.evidence, self.evidence.member(offer.family, setting, offer.volume), worth)

@@ -25,7 +25,7 @@ TREND = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class BlockWay:
     """Stops of the table in their order: positions (m,), one-based, and the senses in which they are reached; wait:
     before the first one, s."""
 
@@ -53,7 +53,7 @@ class Way:
         return self.scheme(run, stop[seen], ball[seen] + 1)
 
 
-def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[Way]:
+def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[BlockWay]:
     """Yield the ways on which a run may be continued: both senses, narrow and wide steps, with and without a wait, and
     the long way round, which is travel without a reading."""
     n, last, sense = run.n, int(run.table_position[-1]), last_sense(run)
@@ -64,9 +64,9 @@ def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[Way]:
             for step in steps:
                 for turning in (sense, -sense) if step else (sense,):
                     position = (last - 1 + turning * step * np.arange(1, count + 1)) % n + 1
-                    yield Way(position, np.full(count, turning), seconds)
+                    yield BlockWay(position, np.full(count, turning), seconds)
                     if step == 1 and not wait:  # nearly once round before each of the readings of a stop
-                        yield Way(position, np.full(count, -turning), seconds)
+                        yield BlockWay(position, np.full(count, -turning), seconds)
 
 
 def last_sense(run: Run) -> int:

@@ -20,7 +20,7 @@ from rosette_ros.core.diagnosis.posterior import HEARD, Posterior
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.planning.block_ways import NEXT, Way, continued, last_sense, ways
+from rosette_ros.core.planning.block_ways import NEXT, BlockWay, continued, last_sense, ways
 from rosette_ros.core.planning.predictions import Predictor, best_fit, expected_share, information, members_of
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Scheme
@@ -119,7 +119,7 @@ def standing(run: Run, model: Model | None = None, until: float = UNTIL,
 
 
 @dataclass(frozen=True)
-class Step:
+class SettlingStep:
     """What was known after so many readings of a run: its explanations, the likeliest first, and U, m."""
 
     readings: int
@@ -127,17 +127,17 @@ class Step:
     uncertainty: float
 
 
-def step_of(found: NextReadings, readings: int) -> Step:
-    """Return the Step of what was found after so many readings."""
-    return Step(readings, tuple(one for one in found.contenders if one.probability > HEARD), found.uncertainty)
+def step_of(found: NextReadings, readings: int) -> SettlingStep:
+    """Return the SettlingStep of what was found after so many readings."""
+    return SettlingStep(readings, tuple(one for one in found.contenders if one.probability > HEARD), found.uncertainty)
 
 
-def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[Step, ...]:
+def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[SettlingStep, ...]:
     """Return what was known after each number of readings of a run, ascending; errors as of `next_readings`."""
     return tuple(step_of(standing(run.take(list(range(size))), model), size) for size in sizes)
 
 
-def leading(steps: Sequence[Step], most: int = LEADING) -> dict[tuple[str, ...], list[float]]:
+def leading(steps: Sequence[SettlingStep], most: int = LEADING) -> dict[tuple[str, ...], list[float]]:
     """Return the probabilities, step by step, of the explanations that were ever the likeliest ones, by their names;
     most: so many, those of the largest probability at any step."""
     found = [{one.names: one.probability for one in step.contenders} for step in steps]
@@ -209,7 +209,7 @@ def _round(run: Run, spot: int, before: Scheme | None, readings: int) -> Scheme 
     return Scheme(run.n, NEXT, 0, position[:size], ball[:size], np.full(size, sense), table_offset=run.table_offset)
 
 
-def _guessed(predictor: Predictor, way: Way, readings: int, pace: Pace) -> tuple[float, Scheme, float]:
+def _guessed(predictor: Predictor, way: BlockWay, readings: int, pace: Pace) -> tuple[float, Scheme, float]:
     """Return how much the readings of a way that part the explanations most do so for the time that they take, about,
     these readings, and how much all of the way do, nats."""
     run, every = predictor.run, way.every(predictor.run)
