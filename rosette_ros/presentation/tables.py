@@ -183,7 +183,8 @@ def places(comparison: Comparison) -> Table:
         words('by', 'grouped by', [*(one.label for one in every), 'autocorrelation']),
         words('profile', 'first to last group', [
             *(bars(size, top) for size in sizes), f'{text.signed(comparison.neighbour_correlation, 2)} (lag 1)']),
-        words('worst', 'largest at', [*(one.keys[one.worst] for one in every), '']),
+        words('worst', 'largest at', [*(one.keys[one.worst].removeprefix('between ').replace(' and ', ' to ')
+                                        for one in every), '']),
         micrometre_column('rms_um', 'its rms', [size * sigma for size in largest]),
         column('rms_sigma', 'in σ', largest, lambda one: text.sigmas(one) if np.isfinite(one) else text.UNKNOWN),
         column('p', text.P_VALUE, p, _p_of_draws)), levels=_marked(p))
