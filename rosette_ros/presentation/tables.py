@@ -220,10 +220,11 @@ def worst_readings(comparison: Comparison) -> Table:
         *(column(f'without_{key}', name, [
             np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
                 text.fixed, places=2), unit) for key, name, unit, part in (
-            ('ct_um', 'largest change of ctx, cty, ctz when the reading is omitted', 'µm', slice(0, 3)),
-            ('cr_urad', 'of crx, cry, crz', 'µrad', slice(3, 6)))),
-        column('p', 'p (outlier test, Bonferroni)', [one.p for one in worst], _p_of_draws)),
-        levels=_marked(one.p for one in worst))
+            ('ct_um', 'change of ct when omitted', 'µm', slice(0, 3)),
+            ('cr_urad', 'change of cr when omitted', 'µrad', slice(3, 6)))),
+        column('p', text.P_VALUE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst),
+        note='p-value: outlier test, Bonferroni; change: the largest of ctx, cty, ctz and of crx, cry, crz when the '
+             'reading is omitted.')
 
 
 def reading(fit: Fit, place: int) -> Table:
