@@ -220,8 +220,8 @@ def worst_readings(comparison: Comparison) -> Table:
         *(column(f'without_{key}', name, [
             np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
                 text.fixed, places=2), unit) for key, name, unit, part in (
-            ('ct_um', 'change of ct when omitted', 'µm', slice(0, 3)),
-            ('cr_urad', 'change of cr when omitted', 'µrad', slice(3, 6)))),
+            ('ct_um', 'change of ct', 'µm', slice(0, 3)),
+            ('cr_urad', 'change of cr', 'µrad', slice(3, 6)))),
         column('p', text.P_VALUE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst),
         note='p-value: outlier test, Bonferroni; change: the largest of ctx, cty, ctz and of crx, cry, crz when the '
              'reading is omitted.')
