@@ -293,6 +293,12 @@ def packed_error(paths: Sequence[Path]) -> InvalidData:
     return InvalidData(f'{path}: is a compressed file; unpack it: {command}')
 
 
+def rest_words(end: int, size: int) -> str:
+    """Return in words what lies behind the end of a file of `size` bytes, '' where nothing does."""
+    return (f'ends at byte {end}; {size - end} bytes behind it were not read: was another log put behind it? Cut them '
+            'off, and read what they are by itself') if size > end else ''
+
+
 def read_bag_metadata(path: Path) -> BagListing:
     """Return the BagListing of a metadata.yaml.
 

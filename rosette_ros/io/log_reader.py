@@ -29,7 +29,7 @@ from mcap.records import Channel, Chunk, Header, McapRecord, Message, Metadata, 
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap_ros2.decoder import DecoderFactory
 
-from rosette_ros.core.errors import InvalidData, counted, plain
+from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io import log_run
 from rosette_ros.io.log_run import RECORDS, TF_MESSAGE, LogRun
@@ -180,15 +180,12 @@ class LogFile:
             try:
                 for record in reader.records:
                     if is_first and not isinstance(record, Header):
-                        raise InvalidData(f'{self.path}: is not an MCAP file: wanted a header record first, got a '
-                                          f'{type(record).__name__} record')
+                        raise InvalidData(f'{self.path}: is not an MCAP file: wanted a header record first, none came')
                     is_first = False
                     self._allowance.take()
                     yield record
-                end = stream.tell()
-                if rest := stream.seek(0, SEEK_END) - end:
-                    self._note(f'ends at byte {end}; {counted(rest, "byte")} behind it were not read: was another log '
-                               'put behind it? Cut them off, and read what they are by itself')
+                if words := bag.rest_words(stream.tell(), stream.seek(0, SEEK_END)):
+                    self._note(words)
                 return
             except _DAMAGED as error:
                 self._read_summary(stream)
@@ -263,8 +260,7 @@ class LogFile:
                              schema.data.decode(errors='replace'), record.metadata)
         if record.schema_id and record.schema_id not in self._schemas:
             self._note(f'topic {record.topic!r}: its schema, number {record.schema_id}, is missing')
-        first = self.channels.setdefault(record.id, channel)
-        if first != channel:
+        if (first := self.channels.setdefault(record.id, channel)) != channel:
             self._note(f'channel {record.id} is described twice, of topic {channel.topic!r} and of {first.topic!r}; '
                        'the first holds')
 

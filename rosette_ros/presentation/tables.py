@@ -187,7 +187,8 @@ def places(comparison: Comparison) -> Table:
         words('by', 'grouped by', [*(one.label for one in every), 'autocorrelation']),
         words('profile', 'first to last group', [
             *(bars(size, top) for size in sizes), f'{text.signed(comparison.neighbour_correlation, 2)} (lag 1)']),
-        words('worst', 'largest at', [*(one.keys[one.worst] for one in every), '']),
+        words('worst', 'largest at', [*(one.keys[one.worst].removeprefix('between ').replace(' and ', ' to ')
+                                        for one in every), '']),
         micrometre_column('rms_um', 'its rms', [size * sigma for size in largest]),
         column('rms_sigma', 'in σ', largest, lambda one: text.sigmas(one) if np.isfinite(one) else text.UNKNOWN),
         column('p', text.P_VALUE, p, _p_of_draws)), levels=_marked(p))
@@ -223,10 +224,11 @@ def worst_readings(comparison: Comparison) -> Table:
         *(column(f'without_{key}', name, [
             np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
                 text.fixed, places=2), unit) for key, name, unit, part in (
-            ('ct_um', 'largest change of ctx, cty, ctz when the reading is omitted', 'µm', slice(0, 3)),
-            ('cr_urad', 'of crx, cry, crz', 'µrad', slice(3, 6)))),
-        column('p', 'p (outlier test, Bonferroni)', [one.p for one in worst], _p_of_draws)),
-        levels=_marked(one.p for one in worst))
+            ('ct_um', 'change of ct', 'µm', slice(0, 3)),
+            ('cr_urad', 'change of cr', 'µrad', slice(3, 6)))),
+        column('p', text.P_VALUE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst),
+        note='p-value: outlier test, Bonferroni; change: the largest of ctx, cty, ctz and of crx, cry, crz when the '
+             'reading is omitted.')
 
 
 def reading(fit: Fit, place: int) -> Table:

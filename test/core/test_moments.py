@@ -15,7 +15,7 @@ SIGMA, SEEDS = 1e-7, 20
 
 
 def moment(name, seed, size, **of):
-    """Return the run, the Moment that is found of a step of `size` sigma, and its true time, s."""
+    """Return the run, the Interval that is found of a step of `size` sigma, and its true time, s."""
     run = synthetic_run(6, 'random', seed, noise=SIGMA)[0]
     time = run.time - run.time[0]
     true = float(np.random.default_rng(seed).uniform(0.3, 0.7) * time[-1])

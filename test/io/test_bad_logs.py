@@ -36,7 +36,7 @@ def mcap_of(tmp_path, profile='ros2', **chunk):
     (b'hello world', r'some.mcap: is not an MCAP file: wanted it to begin with .*MCAP0'),
     (b'\x89MCAP0\r\n', r'some.mcap: is not an MCAP file: wanted .* and a header record'),
     (b'\x89MCAP0\r\n\x05' + bytes(8), r'some.mcap: is not an MCAP file: wanted .* and a header record'),
-    (b'\x89MCAP0\r\n\x0f\4' + bytes(11), r'wanted a header record first, got a DataEnd record'),
+    (b'\x89MCAP0\r\n\x0f\4' + bytes(11), r'wanted a header record first, none came'),
 ])
 def test_no_mcap_is_refused_with_words(tmp_path, data, words):
     """The error names the file and what it begins with."""

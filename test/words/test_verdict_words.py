@@ -9,7 +9,7 @@ import pytest
 
 from rosette_ros.core.diagnosis.diagnosis import Unnamed
 from rosette_ros.core.diagnosis.posterior import Cause
-from rosette_ros.core.diagnosis.verdict import MissingEffect, Moment, Outcome, Residual, Verdict
+from rosette_ros.core.diagnosis.verdict import Interval, MissingEffect, Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import Parameter
@@ -77,7 +77,7 @@ def cause(bodies, variables, probability, laws, is_certain=False):
 def slip():
     """Return ball 11, that slips, or creeps."""
     sizes = tuple(Parameter(f'd_{axis}', value, 1e-8, 'm') for axis, value in zip('xyz', (1.9e-6, -1e-9, 4e-7)))
-    return MissingEffect('ball_slip', Setting(ball=11, t0=2600.0), {'t0': Moment(2244.0, 2982.0, 69, 74, 0.967)},
+    return MissingEffect('ball_slip', Setting(ball=11, t0=2600.0), {'t0': Interval(2244.0, 2982.0, 69, 74, 0.967)},
                          cause('ball 11', (('time', 'touches'),), 0.996, {'ball_slip': 0.955, 'ball_creep': 0.041}),
                          (('ball_creep', 0.041), ('ball_rattle', 0.05)), 0.996, sizes)
 

@@ -8,7 +8,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace
 from rosette_ros.core.diagnosis.hypotheses import refined
 from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, State
-from rosette_ros.core.diagnosis.verdict import Moment
+from rosette_ros.core.diagnosis.verdict import Interval
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.run_functions import around, beside, seconds
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
@@ -99,7 +99,7 @@ def _best(evidence: Evidence, others: Sequence[Member], place: int, term: Term) 
     return refined(evidence, member, lambda one: state.fall(one.rows), term.fixed)
 
 
-def moments_of(fitted: Fit, place: int) -> dict[str, Moment]:
+def moments_of(fitted: Fit, place: int) -> dict[str, Interval]:
     """Return where each instant of an effect lies: in the fewest gaps between readings in a row that have 95 %.
 
         p(gap) ~ exp(f / (2 sigma^2)),    f: fall of the square sum by the effect with the instant in the gap
@@ -125,7 +125,7 @@ def moments_of(fitted: Fit, place: int) -> dict[str, Moment]:
             lower = high + 1 == p.size or (low > 0 and p[low - 1] >= p[high + 1])
             low, high = (low - 1, high) if lower else (low, high + 1)
         begin, end = around(times, kept[low].number(name))[0], around(times, kept[high].number(name))[1]
-        out[name] = Moment(begin, end, int(np.sum(seconds(run) <= begin)), int(np.sum(seconds(run) < end)) + 1,
+        out[name] = Interval(begin, end, int(np.sum(seconds(run) <= begin)), int(np.sum(seconds(run) < end)) + 1,
                            float(p[low:high + 1].sum()))
     return out
 

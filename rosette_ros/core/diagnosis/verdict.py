@@ -123,7 +123,7 @@ class Residual:
         return self.p is not None and self.p < UNLIKELY
 
 
-class Moment(NamedTuple):
+class Interval(NamedTuple):
     """Between which times, s since the first reading, and which readings an instant lies, with its probability."""
 
     low: float
@@ -144,7 +144,7 @@ class MissingEffect:
 
     name: str
     setting: Mapping[str, float | str] = field(default_factory=dict)
-    moments: Mapping[str, Moment] = field(default_factory=dict)
+    moments: Mapping[str, Interval] = field(default_factory=dict)
     cause: 'Cause | None' = None
     alternatives: tuple[tuple[str, float], ...] = ()
     together: float = 1.0
@@ -279,7 +279,7 @@ class Verdict(Judged):
 def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Sequence[UnnamedMotion] = (),
            claims: Sequence['Claim'] = (), causes: Sequence['Cause'] = (), doubtful: Sequence['Claim'] = (),
            hidden: Sequence[str] = (), not_needed: Sequence[str] = (),
-           moments: Sequence[Mapping[str, Moment]] = ()) -> Verdict:
+           moments: Sequence[Mapping[str, Interval]] = ()) -> Verdict:
     """Return the Verdict on a model.
 
     fit: of the model as given; final: with all named effects that are claimed, `missing`; claims: what is known of
@@ -331,7 +331,7 @@ def _residual(fit: 'Fit') -> Residual:
 
 def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
              claims: Mapping[str, 'Claim'], causes: Sequence['Cause'],
-             moments: Sequence[Mapping[str, Moment]]) -> tuple[MissingEffect, ...]:
+             moments: Sequence[Mapping[str, Interval]]) -> tuple[MissingEffect, ...]:
     """Return what a model lacks: base terms, then effects with their settings, the one that explains most first."""
     if not names:
         return ()
