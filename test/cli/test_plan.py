@@ -72,8 +72,8 @@ def test_seed_draws_the_random_order(rosette):
 @pytest.mark.parametrize(('words', 'message'), [
     (('--balls', 2), 'number of balls: wanted a whole number of at least 3, got 2; with fewer '
                      'the table, plate and CMM cannot be separated'),
-    (('--order', 'zigzag'), "Unknown order 'zigzag'. Known: row, diagonal, column, random, interleaved, there_and_back, "
-                             'row_there_and_back.'),
+    (('--order', 'zigzag'), "Unknown order 'zigzag'. Known: row, diagonal, column, random, interleaved, "
+                             'there_and_back, row_there_and_back.'),
     (('--turning', 'left'), "Unknown turning 'left'. Known: forward, alternate, clockwise, counterclockwise."),
     (('--balls', '6.5'), "--balls: wanted a whole number of at most 1000, got '6.5'"),
     (('--balls', '100000'), "--balls: wanted a whole number of at most 1000, got '100000'"),
