@@ -235,7 +235,7 @@ class CmmClient(CellClient):
 
     def _clock_gap(self, target: Target, answer: Answer) -> float:
         """Return how long a stamp lies before its target or after the receipt of the answer, s, 0 between."""
-        received = next(at for _, at, one in self._received if one is answer)
+        received = next(at for _, at, one in self._received if one == answer)
         return 1e-9 * (min(answer.stamp_ns - target.stamp_ns, 0) + max(answer.stamp_ns - received, 0))
 
     def _of(self, run_id: str) -> list[tuple[float, int, Answer]]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every verb prints with: a console, tables, the verdict, JSON."""
 
+import importlib
 import json
 import sys
 import textwrap
@@ -58,11 +59,10 @@ def doing(words: str, steps: int = 0) -> Iterator[Callable[..., None]]:
     if not screen.is_terminal:
         yield lambda words='', done=1: None
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = [SpinnerColumn(), TextColumn('{task.description}'),
-               *([BarColumn(bar_width=24), MofNCompleteColumn()] if steps else []), TimeElapsedColumn()]
-    with Progress(*columns, console=screen, transient=True) as bar:
+    parts = importlib.import_module('rich.progress')
+    columns = [parts.SpinnerColumn(), parts.TextColumn('{task.description}'), *(
+        [parts.BarColumn(bar_width=24), parts.MofNCompleteColumn()] if steps else []), parts.TimeElapsedColumn()]
+    with parts.Progress(*columns, console=screen, transient=True) as bar:
         task = bar.add_task(escape(words), total=steps or None)
         yield lambda words='', done=1: bar.update(task, description=escape(words) or None, advance=done)
 

@@ -216,11 +216,11 @@ def run_import(options: Namespace) -> None:
     measured = read_csv(options.table, columns)
     if options.save and columns is None:
         raise UsageError(f'{options.table}: is a ball-centre table, whose columns are known; leave out --save')
+    log = write_log(measured, Path(options.output), TypeLibrary.from_environment(os.environ)) if options.output else ''
     out = console()
     out.print(head(measured))
     warn(measured)
-    if options.output:
-        log = write_log(measured, Path(options.output), TypeLibrary.from_environment(os.environ))
+    if log:
         out.print(f'Log: {escape(str(log))}', soft_wrap=True)
     if options.save and columns:
         write_text(options.save, format_columns(columns), options.force)

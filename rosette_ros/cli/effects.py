@@ -24,11 +24,11 @@ from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
-from rosette_ros.presentation.error_results import change_errors
+from rosette_ros.presentation.error_results import change_errors, curve_changes
 from rosette_ros.presentation.formatting import MEANINGS, micro, model_words, scale_of, significant
 from rosette_ros.presentation.json_output import change_json, effects_json
 from rosette_ros.presentation.table_format import Table, words
-from rosette_ros.presentation.tables import curve_changes, fitted_effects
+from rosette_ros.presentation.tables import fitted_effects
 from rosette_ros.words.effect_words import capital
 from rosette_ros.words.verdict_words import titles
 

@@ -129,6 +129,21 @@ def unwrap_travel(angle: ArrayLike, approach: ArrayLike, n: int) -> Floats:
     return np.asarray(angle[0] + np.concatenate([[0.0], np.cumsum(step)]))
 
 
+def joined_travel(travel: Floats, angle: Floats, approach: Ints, session: Ints, n: int) -> Floats:
+    """Return the travel of readings, (N,), rad: where it falls against the sense of turning over a pause, the table
+    has counted from 0 again; then it goes on by the shortest way in that sense."""
+    pauses = np.flatnonzero(np.diff(session)) + 1
+    if not pauses.size:
+        return travel
+    shortest = np.diff(unwrap_travel(angle, approach, n))
+    travel = travel.copy()
+    for first in pauses.tolist():
+        step = travel[first] - travel[first - 1]
+        if step * (-1 if approach[first] < 0 else 1) < -np.pi / n:
+            travel[first:] += shortest[first - 1] - step
+    return travel
+
+
 def travel_sense(coordinate: Floats, tolerance: float) -> Floats:
     """Return the sense (+1, -1) of the last move of one axis before each reading, (N,).
 

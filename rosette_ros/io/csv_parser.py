@@ -6,6 +6,7 @@ pyarrow.csv. What was taken otherwise than as rosette writes it is a note in wor
 
 import contextlib
 import csv
+import importlib
 import re
 import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -248,9 +249,7 @@ class _Sheet:
 
     def _read(self, wanted: Collection[str], kind: str, decimal: str) -> dict[str, Any]:
         """Return columns, as one kind of pyarrow's."""
-        import pyarrow as pa  # a log does without
-        import pyarrow.csv as arrow_csv
-
+        pa, arrow_csv = map(importlib.import_module, ('pyarrow', 'pyarrow.csv'))  # a log does without
         refused, text = list[Any](), '\n'.join(text for _, text in self.rows).replace('−', '-').encode()
         names = {column: str(at) for column, (at, _) in self.columns.items() if column in wanted}
 

@@ -14,7 +14,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.verdict import Outcome, VerdictText
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import TWO_PI, Floats, Frame, rotate_z, wrap
-from rosette_ros.core.scheme import nominal_places
+from rosette_ros.core.scheme import nominal_places, order_name
 
 FRAMES = MACHINE_FRAME, TABLE_FRAME = 'machine', 'table'
 STATUS_OK, STATUS_REFUSED = 0, 2
@@ -222,8 +222,8 @@ def nanoseconds(stamp: Any) -> int:
 
 def progress_of(message: Any) -> CalibrationProgress:
     """Return the CalibrationProgress of a RunState."""
-    return CalibrationProgress(plain(message.run_id), message.phase, plain(message.order), message.done, message.total,
-                               plain(message.text, most=4000))
+    return CalibrationProgress(plain(message.run_id), message.phase, order_name(plain(message.order)), message.done,
+                               message.total, plain(message.text, most=4000))
 
 
 def verdict_of(message: Any) -> VerdictText | None:

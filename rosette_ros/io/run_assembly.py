@@ -14,7 +14,7 @@ import numpy as np
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame, fitted_frame, rotate_z, turned_frame
 from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
+from rosette_ros.core.scheme import Way, joined_travel, nominal_places
 from rosette_ros.io import messages
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, TABLE_FRAME, Answer, Phase, Rows, TableFrame, Target
 from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_run
@@ -359,7 +359,7 @@ class RunAnswers:
             n=n, radius=radius, table_position=table_position, ball=ball, centre=centre, table_angle=angle,
             time=_joined_time((stamp - stamp[0]) * 1e-9, session),
             temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
-            table_travel=_joined_travel(travel, angle, approach, session, n), **self._way(targets, rotation),
+            table_travel=joined_travel(travel, angle, approach, session, n), **self._way(targets, rotation),
             repeatability=sigma, repeatability_dof=dof, run_id=self.run_id, session=session, source=source,
             rotation=rotation, repeatability_axes=repeated, table_offset=offset,
             notes=note_on_offset(offset),
@@ -448,18 +448,3 @@ def _joined_time(time: Floats, session: Ints) -> Floats:
             usual = np.median(within) if within.size else 1.0
             time = time + np.where(np.arange(time.size) >= first, max(usual, 1e-3) - step[first - 1], 0.0)
     return time
-
-
-def _joined_travel(travel: Floats, angle: Floats, approach: Ints, session: Ints, n: int) -> Floats:
-    """Return the travel, (N,), rad: where it falls against the sense of turning over a pause, the table has counted
-    from 0 again; then it goes on by the shortest way in that sense."""
-    pauses = np.flatnonzero(np.diff(session)) + 1
-    if not pauses.size:
-        return travel
-    shortest = np.diff(unwrap_travel(angle, approach, n))
-    travel = travel.copy()
-    for first in pauses.tolist():
-        step = travel[first] - travel[first - 1]
-        if step * (-1 if approach[first] < 0 else 1) < -np.pi / n:
-            travel[first:] += shortest[first - 1] - step
-    return travel

@@ -99,6 +99,17 @@ def differences(every: Mapping[str, ErrorMotions]) -> Table:
                  'Of many angles the largest is beyond U now and then by chance.')
 
 
+def curve_changes(change: Change) -> Table:
+    """Return what a change of the model does to each curve: its largest change, its uncertainties."""
+    return Table('curve_changes', f'Change of the curves; U: expanded uncertainty (k = {COVERAGE_FACTOR})', (
+        words('curve', 'curve', text.curve_names(change.before.run.rotation)), words('unit', 'unit', text.CURVE_UNITS),
+        *(column(f'{key}_in_unit', name, 1e6 * np.asarray(values), partial(text.fixed, places=3))
+          for key, name, values in (
+              ('change', 'largest change', change.curve_change),
+              ('U_before', 'U before', COVERAGE_FACTOR * change.before.error_motions.u.max(axis=0)),
+              ('U_after', 'U after', COVERAGE_FACTOR * change.after.error_motions.u.max(axis=0))))))
+
+
 def change_errors(change: Change) -> Table:
     """Return the errors of a run before and after a change of the model."""
     fits = change.before, change.after

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import Change, LadderStep, Summary
+from rosette_ros.analysis import LadderStep, Summary
 from rosette_ros.core.diagnosis.candidates import Candidate
 from rosette_ros.core.diagnosis.comparison import DRAWS, Comparison
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CrossCheck
@@ -442,14 +442,3 @@ def orders(advice: Advice) -> Table:
         column('duration_s', 'whole run', [one.duration for one in every], text.duration),
         *(column(f'visible_fraction_{name}', name, [one.share(name) for one in every], text.percent)
           for name in advice.wanted)), levels=tuple('strong' if mark == 'recommended' else '' for mark in marks))
-
-
-def curve_changes(change: Change) -> Table:
-    """Return what a change of the model does to each curve: its largest change, its uncertainties."""
-    return Table('curve_changes', f'Change of the curves; {EXPANDED}', (
-        words('curve', 'curve', text.curve_names(change.before.run.rotation)), words('unit', 'unit', text.CURVE_UNITS),
-        *(column(f'{key}_in_unit', name, 1e6 * np.asarray(values), partial(text.fixed, places=3))
-          for key, name, values in (
-              ('change', 'largest change', change.curve_change),
-              ('U_before', 'U before', text.COVERAGE_FACTOR * change.before.error_motions.u.max(axis=0)),
-              ('U_after', 'U after', text.COVERAGE_FACTOR * change.after.error_motions.u.max(axis=0))))))

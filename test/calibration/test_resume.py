@@ -204,7 +204,7 @@ def test_settings_survive_the_log():
     """What decides the targets comes back the same; another wish is refused."""
     found = parse_settings(format_settings(SETTINGS), 'here')
     assert found == {wanted.name: SETTINGS[wanted.name] for wanted in PLANNED}
-    refuse_other_plan({'order': 'sensitive', 'limits.attempts': 1}, found, 'a')
+    refuse_other_plan({'order': 'interleaved', 'limits.attempts': 1}, found, 'a')
     with pytest.raises(CellError, match="order: wanted 'interleaved' as the run began, got 'row'; leave it out"):
         refuse_other_plan({'order': 'row'}, found, 'a')
 

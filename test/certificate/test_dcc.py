@@ -167,7 +167,7 @@ def test_without_inputs_the_budget_says_what_is_not_considered():
     assert any('form of the balls (ball_form)' in one for one in words)
     assert root_of('clean').xpath('//dcc:result[@refType="rosette_budget"]', namespaces=NAMES)
     assert not root_of('joint').xpath('//dcc:result[@refType="rosette_budget"]', namespaces=NAMES)
-    with pytest.raises(InvalidData, match='with one run of a regular plate only; leave --inputs out'):
+    with pytest.raises(InvalidData, match='the section environment only with several runs as one, got ball_form'):
         state(made('joint')[0], replace(made('joint')[1].inputs, budget=made('budget')[1].inputs.budget))
 
 

@@ -28,7 +28,8 @@ SOURCE = 'source the set-up file of ROS 2 and of the workspace'
     (('effects', 'backlash'), "Unknown effect 'backlash'. Did you mean table_backlash?"),
     (('effects', 'table_motion'), "Unknown effect 'table_motion'. Did you mean table_motions?"),
     (('add', 'noise.tails', '--model', 'no.yaml'), "Unknown effect 'noise.tails'. Did you mean noise.tail?"),
-    (('plan', 'sensitiv', '--balls', '12', '--radius-mm', '180'), "Unknown order 'sensitiv'. Did you mean sensitive?"),
+    (('plan', 'interleave', '--balls', '12', '--radius-mm', '180'),
+     "Unknown order 'interleave'. Did you mean interleaved?"),
     (('report', 'run.csv', '--format', 'gif'), "argument --format: Unknown value 'gif'. Known: svg, png.")])
 def test_an_unknown_name_is_answered_by_the_nearest(refused, words, wanted):
     """Not by all that there are; an abbreviation is no option either."""

@@ -137,7 +137,7 @@ def test_orders_for_the_next_run_by_their_u(rosette):
     plans = json.loads(rosette('plan', '--balls', '6', '--radius-mm', '182.5', '--environment', 'workshop',
                                '--json').out)['plans']
     relative = {one['name']: one['relative_uncertainty'] for one in plans}
-    assert relative['sensitive'] < 1.5 and relative['row'] == max(relative.values()) > 3
+    assert relative['interleaved'] < 1.5 and relative['row'] == max(relative.values()) > 3
     assert plans[0]['environment']['name'] == 'workshop' and plans[0]['duration_s'] > 0
     text = ' '.join(rosette('plan', 'row', 'sensitive', '--balls', '6', '--radius-mm', '182.5', '--environment',
                             'workshop').out.split())

@@ -135,7 +135,7 @@ def test_a_block_settles_warm_up_against_drift_along_a_curve():
     found = next_readings(run, readings=8)
     assert {found.separates.first.names, found.separates.second.names} == {('frame_drift_curved',), (WARM_UP,)}
     assert found.separates.expected > found.separates.now and found.gain > 0
-    assert open_words(found).startswith('settling: drift of the probe along a curve or warm-up of the machine, ')
+    assert open_words(found).startswith('settling: non-linear probe drift or warm-up of the machine, ')
     assert ' readings, ' in next_words(found)[1] and next_words(found)[1].endswith(' expected.')
     for _ in range(8):
         if found.is_settled:
@@ -203,7 +203,7 @@ def test_what_no_reading_tells_apart_is_said_at_once(monkeypatch):
     monkeypatch.setattr('rosette_ros.core.planning.next_readings.members_of', lambda posterior, names: same)
     found = next_readings(run)
     assert found.is_hopeless and found.targets is None
-    assert hopeless_words(found) == ('no reading of this cell separates drift of the probe along a curve from warm-up '
+    assert hopeless_words(found) == ('no reading of this cell separates non-linear probe drift from warm-up '
                                      'of the machine')
 
 

@@ -85,7 +85,7 @@ def test_clockwise_is_the_mirror_image(order):
 @pytest.mark.parametrize('arguments, words', [
     ((2, 'row'), 'number of balls: wanted a whole number of at least 3, got 2'),
     ((4.5, 'row'), 'number of balls: wanted a whole number of at least 3, got 4.5'),
-    ((6, 'spiral'), "Unknown order 'spiral'. Known: row, diagonal, column, random, sensitive, there_and_back, "
+    ((6, 'spiral'), "Unknown order 'spiral'. Known: row, diagonal, column, random, interleaved, there_and_back, "
                      'row_there_and_back.'),
     ((6, 'row', 0, 'both'), "Unknown turning 'both'. Known: forward, alternate, clockwise, counterclockwise."),
 ])

@@ -14,5 +14,5 @@ def test_every_text_can_be_read():
     made = way_to_the_cause(steps, 0.95)
     assert faults(made) == []
     texts = [text for text, _, _ in texts_of(made)]
-    assert {'drift of the probe relative to the table', 'warm-up of the machine and expansion of the plate',
+    assert {'linear probe drift', 'warm-up of the machine and thermal expansion of the plate',
             'nothing more', 'settled, 95 %'} <= {' '.join(text.split()) for text in texts}

@@ -93,7 +93,8 @@ class Comparison:
         boundary of parts at most."""
         parts = {label: index for label, index, _ in places(self.fit.run)}
         *others, time, sequence = self.groupings
-        times = [f'between {key.replace("-", " min and ")}' for key in time.keys]
+        minutes = ' min' * (self.fit.run.time_unit == 's')
+        times = [f'between {key.replace("-", f"{minutes} and ")}' for key in time.keys]
         readings = [f'readings {key.replace("-", " to ")}' for key in sequence.keys]
         if np.count_nonzero(parts['time'] != parts['sequence']) >= len(time.keys):
             return (*others, replace(time, keys=tuple(times)), replace(sequence, keys=tuple(readings)))

@@ -20,13 +20,23 @@ from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, Place, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, kinds_beside
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of, p_of_tail
-from rosette_ros.core.diagnosis.posterior import CLAIM, STANDS, Cause, Claim, Posterior, course_of, motion_of
+from rosette_ros.core.diagnosis.posterior import (
+    CLAIM,
+    STANDS,
+    Cause,
+    Claim,
+    Explanation,
+    Posterior,
+    Unnamed,
+    course_of,
+    motion_of,
+)
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
-from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import moving_bodies
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
+from rosette_ros.core.mixture import total
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
@@ -44,28 +54,6 @@ LIKELY = 0.03
 """Probability of an explanation from which on it is fitted: less likely ones are of effects that an environment has."""
 HOPEFUL = 12
 """Sets of variables whose free courses are looked at under other noise: those that explain most in white noise."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """A hypothesis: its members, names or the variables of what has no name, its kinds of noise, its probability."""
-
-    members: tuple[str, ...]
-    noise: tuple[str, ...]
-    probability: float
-
-
-@dataclass(frozen=True)
-class Unnamed:
-    """Something that the library has no name for: which body moves along what, and with what.
-
-    alternatives: sets of variables that this run cannot distinguish, the likeliest first; setting: of its free course.
-    """
-
-    alternatives: tuple[frozenset[str], ...]
-    motion: str
-    setting: Setting
-    probability: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,7 +392,13 @@ class RunSearch:
     def _final(self) -> Fit:
         """The fit with all that is claimed, with the curves over all explanations where that is something."""
         final = self.with_members([one for one, _ in self.claimed])
-        return final.over(self.explained) if self.claimed else final
+        if not (self.claimed and self.explained):
+            return final
+        p, fits = zip(*self.explained)
+        values, u = (np.stack([getattr(one.error_motions, name) for one in fits]) for name in ('values', 'u'))
+        values, u = total(np.array(p) / sum(p), values, u)
+        return replace(final, error_motions=replace(final.error_motions, values=values, u=u),
+                       explanations=self.explained)
 
     @cached_property
     def explained(self) -> tuple[tuple[float, Fit], ...]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.verdict import SURE
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, PLACES, variables
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.records import Floats, Run
@@ -29,6 +30,28 @@ HEARD = 1e-3
 
 Key = tuple[tuple[str, ...], tuple[str, ...]]
 """Names of the members, sorted, and kinds of the noise, none for white."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A hypothesis: its members, names or the variables of what has no name, its kinds of noise, its probability."""
+
+    members: tuple[str, ...]
+    noise: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Unnamed:
+    """Something that the library has no name for: which body moves along what, and with what.
+
+    alternatives: sets of variables that this run cannot distinguish, the likeliest first; setting: of its free course.
+    """
+
+    alternatives: tuple[frozenset[str], ...]
+    motion: str
+    setting: Setting
+    probability: float
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ Nonlinear parameters enter the uncertainties by their tangents d(D a)/d(theta).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any, ClassVar
 
@@ -20,7 +20,6 @@ from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.effects.run_functions import BodyMotion
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
-from rosette_ros.core.mixture import total
 from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
@@ -135,13 +134,6 @@ class Fit:
     def settings(self) -> tuple[Setting, ...]:
         """The settings of the effects, in the order of the model."""
         return tuple(effect.setting for effect in self.effects)
-
-    def over(self, explanations: Sequence[tuple[float, 'Fit']]) -> 'Fit':
-        """Return the fit with the curves, mean and u, over explanations with probabilities (law of total variance)."""
-        p, motions = np.array([one for one, _ in explanations]), [one.error_motions for _, one in explanations]
-        values, u = total(p / p.sum(), np.stack([one.values for one in motions]), np.stack([one.u for one in motions]))
-        return replace(self, error_motions=replace(self.error_motions, values=values, u=u),
-                       explanations=tuple(explanations))
 
 
 def mean_radius(run: Run) -> float:

@@ -11,7 +11,7 @@ from rosette_ros.core.error_summary import doubt_of, fit_lines
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.error_results import change_errors, errors
+from rosette_ros.presentation.error_results import change_errors, curve_changes, errors
 from rosette_ros.presentation.formatting import FOUND, NOW, words_of
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
@@ -146,7 +146,7 @@ class FiguresPanel:
         self._switch.set_value(PREVIEWED if preview else NOW)
         if preview is not None:
             self._words.set_text(preview_words(preview.change))
-            plain_table(tables.curve_changes(preview.change))
+            plain_table(curve_changes(preview.change))
 
 
 def preview_words(change: Change) -> str:
