@@ -141,7 +141,7 @@ def test_orders_for_the_next_run_by_their_u(rosette):
     assert plans[0]['environment']['name'] == 'workshop' and plans[0]['duration_s'] > 0
     text = ' '.join(rosette('plan', 'row', 'sensitive', '--balls', '6', '--radius-mm', '182.5', '--environment',
                             'workshop').out.split())
-    assert 'Least U in the environment workshop: sensitive.' in text
+    assert 'Least U in the environment workshop: interleaved.' in text
     found = rosette('advise', '--balls', '6', '--order', 'row', '--environment', 'workshop').out
     assert 'U ct' in found and 'recommended' in found and 'U ct' not in rosette(
         'advise', '--balls', '6', '--order', 'row').out
