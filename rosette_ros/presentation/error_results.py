@@ -73,11 +73,11 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
 
 def _factors(lines: Sequence[AxisError]) -> str:
     """Return k of the ranges whose error is not normal, in a sentence, and how conformity is decided then."""
-    factors = [line.factor for line in lines if line.spread is not None]
-    if not factors:
+    span = dict.fromkeys(text.fixed(one, 2) for one in sorted(line.factor for line in lines if line.spread is not None))
+    if not span.keys() - {text.fixed(COVERAGE_FACTOR, 2)}:
         return ''
-    span = dict.fromkeys(text.fixed(one, 2) for one in (min(factors), max(factors)))
-    return (f' U of the range: 95.45 % of its distribution, k = {" to ".join(span)}; conformity is decided from '
+    ends = ' to '.join(dict.fromkeys((min(span), max(span))))
+    return (f' U of the range: 95.45 % of its distribution, k = {ends}; conformity is decided from '
             f'{text.fixed(100 * SURE, 1)} % of it on (JCGM 106).')
 
 

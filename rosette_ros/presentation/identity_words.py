@@ -17,14 +17,14 @@ def identity_rows(identity: Identity, contradictions: Sequence[str] = ()) -> lis
         return []
     rows = [('Certificate', identity['certificate.number']), ('Laboratory', contact(identity, 'laboratory')),
             ('Accreditation', identity['laboratory.accreditation']), ('Customer', contact(identity, 'customer')),
-            ('Order number', identity['customer.order']), ('Place', identity['place.name']),
+            ('Order no.', identity['customer.order']), ('Place', identity['place.name']),
             *conditions(identity), ('Traceability', identity['traceability.name']),
             ('Operator', identity['operator.name']), ('Signer', signer(identity)),
             *((f'{words[0].upper()}{words[1:]}', device(identity, name)) for name, words in DEVICES.items()),
             ('Remarks', identity['certificate.remarks']),
             ('Tolerances', ', '.join(f'{name} {words}' for name, words in identity.tolerances.items())),
             ('Contradiction', '; '.join(contradictions)),
-            ('Missing mandatory data (ISO/IEC 17025, 7.8.2)', ', '.join(map(words_of_entry, identity.missing)))]
+            ('Not stated (ISO/IEC 17025)', ', '.join(map(words_of_entry, identity.missing)))]
     return [row for row in rows if row[1]]
 
 

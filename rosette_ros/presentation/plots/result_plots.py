@@ -80,7 +80,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
 
 
 def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Figure, Any]:
-    made, grid = style.figure(2.85 + 0.3 * bool(heading), 2, 3)
+    made, grid = style.figure(2.7 + 0.3 * bool(heading), 2, 3)
     for panel, curve in zip(grid.flat, CURVES, strict=True):
         panel.axhline(0, color=style.INK, linewidth=0.8)
         panel.set_xlim(-8, 368)

@@ -229,14 +229,14 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Readings', text.run_size(run)),
             ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Table axis', text.axis_words(run.rotation)), ('Sequence', text.sequence_words(order_of(run, source))),
-            ('Start of the log', source.begun if source and source.begun else 'not recorded'),
+            ('Log begun', source.begun if source and source.begun else 'not recorded'),
             ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
             ('Table angles', text.angle_words(run)),
             ('Uncertainties', text.uncertainty_words(fit)), ('Model', text.model_words(fit.model)),
-            ('Model with the cause found', text.model_words(summary.found.model) if summary.found else ''),
+            ('Model found', text.model_words(summary.found.model) if summary.found else ''),
             *(('Data', f'{Path(file.path).name}, SHA-256 {file.sha256[:16]}…')
               for file in (source.files if source else ())),
             ('Software', ', '.join(f'{name} {version}' for name, version in software()[:2]))]
