@@ -216,7 +216,8 @@ class NoiseKinds:
         drawn = white.freed(np.random.default_rng(0).standard_normal((PROBES, size, 3)))
         rows = np.concatenate([white.fitted[0].reshape(1, size, 3), drawn])
         power = np.abs(np.fft.rfft(rows, 2 * size, axis=1))**2
-        lags = np.fft.irfft(power, axis=1)[:, 1:size] / np.sum(rows**2, axis=1, keepdims=True)
+        lags = np.fft.irfft(power, axis=1)[:, 1:size] / np.maximum(
+            np.sum(rows**2, axis=1, keepdims=True), np.finfo(float).tiny)
         for phi in MEMORIES[1:5:3]:
             score = np.einsum('pta,t->pa', lags, phi**np.arange(1, size))
             off = (score[0] - score[1:].mean(axis=0)) / score[1:].std(axis=0, ddof=1)
