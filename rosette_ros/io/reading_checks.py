@@ -149,9 +149,12 @@ def remarks_on_run(run: Run) -> tuple[str, ...]:
 
 
 def _remarks_on_gaps(run: Run) -> tuple[str, ...]:
-    """Return between which readings too much time lies, pauses that are stated aside, in words."""
-    (least, paces), gap = LONG_GAP, np.diff(run.time)
-    long = np.flatnonzero((gap > max(least, paces * _pace(run.time))) & (np.diff(run.session) == 0))
+    """Return between which readings too much time lies, in words, but for pauses that are stated and for waits before
+    readings that are made again."""
+    cell = run.table_position * (run.n + 1) + run.ball
+    again = np.setdiff1d(np.arange(run.size), np.unique(cell, return_index=True)[1])
+    (least, paces), gap = LONG_GAP, np.diff(run.time[:again[0]] if again.size else run.time)
+    long = np.flatnonzero((gap > max(least, paces * _pace(run.time))) & (np.diff(run.session)[:gap.size] == 0))
     places = ', '.join(f'{one + 1} and {one + 2} ({gap[one] / 60:.0f} min)' for one in long[:MOST_GAPS].tolist())
     return (f'much time lies between readings {places}; was the clock changed, as to summer time, or the run '
             'interrupted? Correct the times, or state pauses_before',) if places else ()

@@ -118,6 +118,9 @@ def test_a_gap_of_an_hour_is_said():
         assert table.remarks == (words,) and judge(table).level != Level.GOOD
     assert remarks_on_run(run.replace(time=run.time + 3600.0 * later, session=1 + later)) == ()
     assert remarks_on_run(run.replace(time=3000.0 * np.arange(run.size))) == ()
+    again = run.replace(repeats=True).take([*range(run.size), 3, 7])
+    waited = again.replace(time=30.0 * np.arange(again.size) + 4200.0 * (np.arange(again.size) >= run.size))
+    assert remarks_on_run(waited) == ()  # a cell that measures on waits for what it wants to see
 
 
 @pytest.mark.parametrize(('factor', 'unit'), [(1e9, 'ns'), (1e6, 'µs'), (1e3, 'ms'), (1 / 3600, 'hours')])
