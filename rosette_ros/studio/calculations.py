@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rosette_ros.analysis import curves_over, evaluate_jointly
+from rosette_ros.analysis import curves_over, evaluate_jointly, explanations_of
 from rosette_ros.core.budget_inputs import BudgetInputs
+from rosette_ros.core.diagnosis.diagnosis import Finding
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
@@ -46,10 +47,12 @@ def read_upload(path: Path) -> tuple[Run, Source]:
     return run.replace(source=path.name), replace(source, path=path.name, files=files)
 
 
-def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str) -> Budget:
-    """Return the Budget of a fit, with the scatter of touches where the log of the run has them."""
+def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str, found: Finding | None,
+              ) -> Budget:
+    """Return the Budget of a fit, with the scatter of touches where the log of the run has them; found: in the run."""
     refit = touches_of(source)[0]
-    return budget(fit, inputs, touch_scatter(refit), doubt=doubt)
+    explanations = explanations_of(found, fit) if found and inputs and inputs.environment else ()
+    return budget(fit, inputs, touch_scatter(refit), doubt=doubt, explanations=explanations)
 
 
 def shown_touches(source: Source | None) -> ShownTouches:

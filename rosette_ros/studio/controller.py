@@ -14,14 +14,15 @@ from typing import Any, TypeVar
 
 from nicegui import Event
 
-from rosette_ros.analysis import LadderStep, analyse, change, cross_check, summarise
+from rosette_ros.analysis import LadderStep, advise_run, analyse, change, cross_check, summarise
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
 from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.errors import NotDeterminable, RosetteError, one_line
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
-from rosette_ros.io.budget_file import read_budget
+from rosette_ros.core.stated_environment import CLASSES
+from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.presentation.report import report_html
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.calculations import budget_of, curves_by_name, joint_of, shown_touches
@@ -139,13 +140,22 @@ class Controller:
         """Evaluate opened runs as one."""
         await self.ask('joint', joint_of, [self.session.runs[place] for place in places])
 
-    async def make_budget(self, path: str) -> None:
-        """Calculate the uncertainty budget of the run under the model; path: of a file of inputs, '' for none."""
+    async def compare_orders(self, environment: str) -> None:
+        """Compare orders for the next run; environment: a class that is stated, '' for none."""
+        if current := self.session.current:
+            await self.ask('orders', advise_run, current.run, (), 0, CLASSES.get(environment), of=current)
+
+    async def make_budget(self, path: str, environment: str) -> None:
+        """Calculate the uncertainty budget of the run under the model.
+
+        path: of a file of inputs, '' for none; environment: a class that takes the place of what it says, '' for none.
+        """
         results, current = self.session.results, self.session.current
-        inputs = read_budget(path) if path else None
+        stated = read_stated(path, environment)
+        inputs = budget_inputs(stated, path or 'budget inputs') if stated else None
         if results.fit and current:
             await self.ask('budget', budget_of, results.fit, current.source, inputs, refuted(results.verdict),
-                           of=self.session.ticket)
+                           results.summary and results.summary.diagnosis, of=self.session.ticket)
 
     async def read_touches(self) -> None:
         """Fit spheres to the touches in the log of the run that is shown."""

@@ -21,7 +21,7 @@ from rosette_ros.studio.panels.figures_panel import FiguresPanel
 from rosette_ros.studio.panels.live_panel import CellWatchers, LivePanel
 from rosette_ros.studio.panels.model_panel import CustomTermPanel, Entry, ModelPanel
 from rosette_ros.studio.panels.open_dialog import OpenDialog
-from rosette_ros.studio.panels.request_panels import BudgetPanel, JointPanel, OverlayPanel, TouchPanel
+from rosette_ros.studio.panels.request_panels import BudgetPanel, JointPanel, OrdersPanel, OverlayPanel, TouchPanel
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked
 from rosette_ros.studio.worker import Superseded
 
@@ -137,7 +137,8 @@ class Page:
                 with ui.element('div').classes('main'):
                     self._figures = FiguresPanel(controller, self._add_preview, controller.drop_preview)
                     below = (
-                        BudgetPanel(controller, lambda path: self._run(controller.make_budget(path))),
+                        BudgetPanel(controller, lambda *inputs: self._run(controller.make_budget(*inputs))),
+                        OrdersPanel(controller, lambda stated: self._run(controller.compare_orders(stated))),
                         OverlayPanel(controller, lambda places: self._run(controller.lay_over(places))),
                         TouchPanel(controller, lambda: self._run(controller.read_touches())),
                         JointPanel(controller, lambda places: self._run(controller.evaluate_jointly(places))))

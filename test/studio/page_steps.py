@@ -25,7 +25,13 @@ def open_path(page, path):
 
 def choose_run(page, name):
     """Show another of the opened runs."""
-    if page.get_by_test_id('run').input_value() != name:
-        page.get_by_test_id('run').click()
+    choose(page, 'run', name)
+
+
+def choose(page, mark, name):
+    """Choose what is offered by a field."""
+    field = page.get_by_test_id(mark)
+    if field.input_value() != name:
+        field.click()
         page.get_by_role('option', name=name, exact=True).click()
-        expect(page.get_by_test_id('run')).to_have_value(name)
+        expect(field).to_have_value(name)

@@ -2,7 +2,7 @@
 """The page in a real browser: verdict, add and remove, save, upload of what is broken."""
 
 import yaml
-from page_steps import choose_run, judged, open_path
+from page_steps import choose, choose_run, judged, open_path
 from playwright.sync_api import expect
 
 from rosette_ros.cli.main import main
@@ -77,6 +77,24 @@ def test_the_budget_is_calculated_on_request(shared_page, tmp_path):
     page.get_by_test_id('budget-inputs').fill(str(tmp_path / 'none.yaml'))
     go.click()
     expect(page.get_by_test_id('error')).to_contain_text('none.yaml: wanted')
+    page.get_by_test_id('budget-inputs').fill('')
+    choose(page, 'budget-environment', 'laboratory')
+    go.click()
+    expect(result).to_contain_text('What this order cannot show, in U (environment: laboratory)')
+
+
+def test_orders_are_compared_with_the_u_that_each_would_give(shared_page):
+    """Without an environment sensitivities and times; in one U of both kinds of curves, too."""
+    page = shared_page
+    page.get_by_test_id('orders').get_by_text('Orders for the next run').click()
+    result, go = page.get_by_test_id('orders-result'), page.get_by_test_id('orders-go')
+    go.click()
+    expect(result).to_contain_text('interleaved')
+    expect(result).not_to_contain_text('U ct')
+    choose(page, 'orders-environment', 'laboratory')
+    go.click()
+    expect(result).to_contain_text('U ct')
+    expect(result.locator('th', has_text='µrad')).to_have_count(1)
 
 
 def test_touches_are_shown_where_the_log_has_them(shared_page):

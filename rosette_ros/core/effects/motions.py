@@ -202,7 +202,7 @@ class PlateOnSupports(Motion):
 class PlateSaddle(Motion):
     """The plate warps in waves around it: cos(m beta) and sin(m beta) along z."""
 
-    body = 'plate'
+    body, variables = 'plate', ('ball',)
     searched = (Searched('order', '1', 'waves around the plate'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is calculated on request: uncertainty budget, touches, runs laid over each other, several runs as one."""
+"""What is calculated on request: budget, orders for the next run, touches, runs over each other and as one."""
 
 from collections.abc import Awaitable, Callable, Sequence
 
@@ -8,13 +8,16 @@ from nicegui import ui
 from rosette_ros.core.error_summary import difference
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.stated_environment import CLASSES
 from rosette_ros.core.uncertainty_budget import Budget
-from rosette_ros.presentation.budget_results import contributions, stated_inputs
+from rosette_ros.presentation.budget_results import contributions, hidden_table, stated_inputs
 from rosette_ros.presentation.error_results import differences
 from rosette_ros.presentation.joint_results import joint_errors, joint_rows, reversal_means, sharing_table
 from rosette_ros.presentation.plots.budget_plots import budget_bars
 from rosette_ros.presentation.plots.plot_style import COLOURS
+from rosette_ros.presentation.tables import orders
 from rosette_ros.studio.calculations import ShownTouches
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import DASHES, Curves, curves_figure
@@ -22,6 +25,7 @@ from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import button, input_field, marked, plain_table, row
 from rosette_ros.studio.studio_session import OpenedRun
+from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.result_words import conclusion_text
 
 Start = Callable[[Sequence[int]], Awaitable[None]]
@@ -31,20 +35,39 @@ Start = Callable[[Sequence[int]], Awaitable[None]]
 class BudgetPanel:
     """What contributes how much to U of each curve; calculated on request."""
 
-    def __init__(self, controller: Controller, on_make: Callable[[str], Awaitable[None]]) -> None:
-        """Build it; on_make(path): calculate the budget, path: of a file of inputs, '' for none."""
+    def __init__(self, controller: Controller, on_make: Callable[[str, str], Awaitable[None]]) -> None:
+        """Build it; on_make(path, environment): calculate the budget; path: of a file of inputs, '' for none."""
         self._controller = controller
         with widgets.folded_card('Uncertainty budget (GUM)', 'budget'):
             ui.label('What the readings do not tell (form of balls, thermal coefficients, alignment, radius) comes '
                      'from a file of inputs (YAML, rosette-budget/1).').classes('soft small')
             with row():
                 path = input_field(ui.input('file of inputs (YAML), optional'), 'budget-inputs', 'min-width: 320px')
-                button('Calculate', lambda: on_make((path.value or '').strip()), 'stacked_bar_chart', 'budget-go')
+                environment = _environment_field('budget')
+                button('Calculate', lambda: on_make((path.value or '').strip(), environment.value),
+                       'stacked_bar_chart', 'budget-go')
             self._result = widgets.result_area('budget-result')
 
     def show(self, opened: OpenedRun) -> None:
         """Show the budget, where it is of the run and the model that are shown."""
         self._result.show(_fill_budget, self._controller.answer('budget'))
+
+
+class OrdersPanel:
+    """What each order would show in the next run and, in an environment, U that it would give; on request."""
+
+    def __init__(self, controller: Controller, on_compare: Callable[[str], Awaitable[None]]) -> None:
+        """Build it; on_compare(environment): compare the orders."""
+        self._controller = controller
+        with widgets.folded_card('Orders for the next run', 'orders'):
+            with row():
+                environment = _environment_field('orders')
+                button('Compare', lambda: on_compare(environment.value), 'route', 'orders-go')
+            self._result = widgets.result_area('orders-result')
+
+    def show(self, opened: OpenedRun) -> None:
+        """Show the comparison, where it is of the run that is shown."""
+        self._result.show(_fill_orders, self._controller.answer('orders'))
 
 
 class TouchPanel:
@@ -111,6 +134,19 @@ class JointPanel(RunsPanel):
         self._result.show(_fill_joint, self._controller.answer('joint'))
 
 
+def _environment_field(mark: str) -> ui.select:
+    """Return the choice of a class of environment, '' for none."""
+    offered = {'': 'none stated', **{name: name for name in CLASSES}}
+    return input_field(ui.select(offered, label='environment', value=''), f'{mark}-environment', 'width: 160px')
+
+
+def _fill_orders(advice: Advice | None) -> None:
+    if advice is None:
+        return
+    ui.label(advice_words(advice))
+    plain_table(orders(advice))
+
+
 def _fill_budget(made: Budget | None) -> None:
     if made is None:
         return
@@ -119,6 +155,9 @@ def _fill_budget(made: Budget | None) -> None:
     ui.label(table.note).classes('soft')
     widgets.Figure(0, 'Standard uncertainty of each curve by contribution', 'budget-figure').draw(
         (made,), budget_bars, made)
+    if hidden := hidden_table(made):
+        ui.label(hidden.title).classes('title')
+        plain_table(hidden)
     plain_table(stated_inputs(made))
     ui.label('Not considered').classes('title')
     for sentence in made.open:
