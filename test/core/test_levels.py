@@ -155,3 +155,10 @@ def test_two_laws_of_one_motion_are_not_certain():
                      {'kind': 'frame_step', 'step_um': [-1.0, 2.0, 0.0], 'at_h': 0.45})
     steps = [one for one in found.causes if one.bodies[0] == 'frame']
     assert len(steps) == 2 and not any(one.law_certain for one in steps)
+
+
+def test_a_plate_that_warps_moves_by_ball_and_time():
+    """The saddle lies in the plate: no ball moves as another one does."""
+    run = planned_run(plan(8, 'interleaved', 1), 0.1825)
+    warp = motion_of(run, place_of(run, 'plate_warp'))
+    assert warp.own == {'ball', 'time'} and 'travel' in warp.standing['time'] and not warp.standing['ball']
