@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,7 +111,7 @@ class AxisError:
         off = self.tolerance - self.range
         return 0.5 + 0.5 * math.erf(off / self.u_range / math.sqrt(2)) if self.u_range else float(off >= 0)
 
-    @property
+    @cached_property
     def factor(self) -> float:
         """k of the interval that contains the range as often as k = 2 does where it is normal."""
         return float(COVERAGE_FACTOR) if self.spread is None else self.spread.factor(2 * SURE - 1)

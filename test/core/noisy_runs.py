@@ -4,7 +4,7 @@
 import numpy as np
 from synthetic import synthetic_run
 
-from rosette_ros.core.diagnosis.noise_hypotheses import kinds_beside
+from rosette_ros.core.diagnosis.noise_hypotheses import noise_beside
 from rosette_ros.core.model.least_squares import fit
 
 SIGMA = 1e-7
@@ -51,4 +51,4 @@ def student(seed, dof):
 
 def noise_of(run):
     """Return the likeliest Noise of a run beside the base model alone."""
-    return kinds_beside(fit(run))[0].noise
+    return noise_beside(fit(run)).found()[0].noise

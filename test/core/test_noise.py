@@ -11,7 +11,7 @@ from synthetic import synthetic_run
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.diagnosis import find, judge
-from rosette_ros.core.diagnosis.noise_hypotheses import kinds_beside
+from rosette_ros.core.diagnosis.noise_hypotheses import noise_beside
 from rosette_ros.core.diagnosis.noise_kinds import Beside
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.errors import InvalidModel
@@ -207,7 +207,7 @@ def test_no_part_is_much_quieter_than_rounding_makes_it():
     turned = np.stack([-np.sin(run.alpha), np.cos(run.alpha), np.zeros(run.size)], axis=-1)
     centre = run.centre + 5e-6 * (run.time / run.time[-1])[:, None] * turned
     run, step = run.replace(centre=np.rint(centre / 1e-6) * 1e-6), 1e-6
-    parts = [one for one in kinds_beside(fit(run, Model(noise=('noise.groups',)))) if one.noise.by == 'time']
+    parts = [one for one in noise_beside(fit(run, Model(noise=('noise.groups',)))).found() if one.noise.by == 'time']
     for part in parts:
         found = fit(run, noise=part.noise)
         assert part.noise.factors.min() * found.rms > 0.5 * step / np.sqrt(12)

@@ -18,7 +18,7 @@ from rosette_ros.core.diagnosis.candidates import Candidate, candidates_of
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of, moments_of
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, Place, State, with_priors
-from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, kinds_beside
+from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, noise_beside
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of, p_of_tail
 from rosette_ros.core.diagnosis.posterior import (
     CLAIM,
@@ -145,13 +145,14 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
         return white
     if is_coarse(white):
         return replace(white, noise=Noise(resolution=resolution_of(run.centre)))
-    best = kinds_beside(white)[0]
-    if not best.kinds:
+    kinds = noise_beside(white)
+    if not kinds.may_be:
         return white
-    if not is_searched:
-        return fit(run, model, choose_settings(run, model, best.noise), best.noise)
-    with _bounded(run):
-        return search_of(run, model).start
+    if is_searched:
+        with _bounded(run):
+            return search_of(run, model).start
+    noise = kinds.found()[0].noise
+    return white if noise.is_white else fit(run, model, choose_settings(run, model, noise), noise)
 
 
 @contextmanager

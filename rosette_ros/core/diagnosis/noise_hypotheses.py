@@ -10,7 +10,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.bank import columns_of
 from rosette_ros.core.diagnosis.hypotheses import Looked, Search
 from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, State
-from rosette_ros.core.diagnosis.noise_kinds import LEAST, NOT_WHITE, Beside, Found, NoiseKinds
+from rosette_ros.core.diagnosis.noise_kinds import LEAST, NOT_WHITE, Beside, NoiseKinds
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import Fit
@@ -32,11 +32,10 @@ class Choice:
     noise: Noise
 
 
-def kinds_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | None = None,
-                 least: float = LEAST) -> list[Found]:
-    """Return the kinds of noise beside the effects of a fit in white noise and further members, best first.
+def noise_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | None = None) -> NoiseKinds:
+    """Return the kinds of noise beside the effects of a fit in white noise and further members.
 
-    scale: of the residual, m, over which members have their sizes; least: log evidence that is of use."""
+    scale: of the residual, m, over which members have their sizes."""
     run, none = fitted.run, np.zeros((0, fitted.run.size, 3))
     columns = [columns_of(one.family, run, one.setting) for one in members]
     sizes = np.array([one.size for one, rows in zip(members, columns) for _ in rows])
@@ -44,13 +43,13 @@ def kinds_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | N
     beside = Beside(run, fitted.mean_radius, fitted.model.base, fitted.residual / unit, fitted.joint.every,
                     np.concatenate([none, *columns]), sizes)
     variance = max(resolution_of(run.centre)**2 / 12, NOISELESS**2) / unit**2
-    return NoiseKinds(beside, fitted.model.noise, variance).found(least)
+    return NoiseKinds(beside, fitted.model.noise, variance)
 
 
 def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choice:
     """Return the Choice for a run; white: the search in white noise of a fit; under: makes that in another noise."""
     best, scale = white.best, white.evidence.scale
-    alone = kinds_beside(fitted, (), scale, max(LEAST, best.log_evidence - NEAR))
+    alone = noise_beside(fitted, (), scale).found(max(LEAST, best.log_evidence - NEAR))
     looked: dict[Key, Looked] = {}
     sources: dict[Key, tuple[Search, Noise]] = {}
 
@@ -68,7 +67,7 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
         members = waiting.pop(0)
         base = State(white.evidence, [white.evidence.member(one.family, one.setting, one.volume) for one in members])
         useful = max(value for value, _ in looked.values()) - NEAR - base.log_evidence  # to be the best after a search
-        found = kinds_beside(fitted, base.members, scale, max(LEAST, useful)) if members else alone
+        found = noise_beside(fitted, base.members, scale).found(max(LEAST, useful)) if members else alone
         for one in found[:2]:
             if (not one.kinds or one.log_evidence < found[0].log_evidence - NEAR / 3 or (base.names, one.kinds) in tried
                     or one.log_evidence < useful):

@@ -179,6 +179,11 @@ class NoiseKinds:
         self._each = math.log(NOT_WHITE / (len(self.groups) + 1))
         self._zero = beside.white.joined[0]
 
+    @property
+    def may_be(self) -> bool:
+        """Whether one of them is worth looking at beside white noise."""
+        return any(self._hope(name) > LEAST for name in self.groups) or (self._may_wander and self._wanders())
+
     def found(self, least: float = LEAST) -> list[Found]:
         """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
         white = Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)

@@ -17,7 +17,7 @@ from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
-from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, kinds_beside
+from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, noise_beside
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
@@ -99,7 +99,7 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     refused = [_refusal(effect, fitted, before) for effect, fitted in learnt]
     usable = [pair for pair, words in zip(learnt, refused) if words is None]
     after = _with(before, usable)
-    if after.rms >= NOISELESS and not (noise := kinds_beside(after)[0].noise).is_white:
+    if after.rms >= NOISELESS and not (noise := noise_beside(after).found()[0].noise).is_white:
         before = fit(run, model, choose_settings(run, model, noise), noise)
         after = _with(before, usable)
     error, error_with = cross_validation_rms(before), cross_validation_rms(after)
