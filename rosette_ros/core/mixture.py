@@ -61,10 +61,11 @@ class Mixture:
         if not u:
             return 0.0
 
-        def lacks(k: float) -> float:
-            return self.below(mean + k * u) - self.below(mean - k * u) - probability
-
-        return float(scipy.optimize.brentq(lacks, 0.0, 1 / np.sqrt(1 - probability) + 1e-6))  # Chebyshev
+        low, high = 0.0, 1 / float(np.sqrt(1 - probability))  # Chebyshev
+        while low < (k := 0.5 * (low + high)) < high:
+            is_less = self.below(mean + k * u) - self.below(mean - k * u) < probability
+            low, high = (k, high) if is_less else (low, k)
+        return high
 
 
 def total(p: Floats, mean: Floats, u: Floats) -> tuple[Floats, Floats]:
