@@ -27,6 +27,14 @@ right: the set of names is what is hidden; fair name: all names are fair for a c
 it depends on; other: it tells of something else without a name; incomplete: true names, but not all; nothing: all is
 well; wrong name: at least one name is not true.
 """
+SAID = ('wrong', 'part', 'complete')
+"""What level 1 can be judged to be.
+
+complete: its motion and one alternative of its variables are those of what is hidden; part: nothing of that is untrue,
+but what is hidden depends on more; wrong: all else.
+"""
+DISPLACED = {'frame', 'plate'}
+"""Bodies that are displaced as a whole."""
 ALIKE = 4.0
 """A shape of which less than this norm is left of the cause, in σ, describes it: noise does not show the difference."""
 PLACE = frozenset(('table angle', 'ball', 'CMM position'))
@@ -128,14 +136,14 @@ def is_told(told: Iterable[Iterable[Iterable[str]]], variables: Variables) -> bo
 
 
 def level_judged(levels: Iterable[Record], truth: 'Truth',
-                 same: Mapping[str, frozenset[str]] | None = None) -> list[bool]:
-    """Return of each level 1 whether its motion and one alternative of its variables are those of what is hidden.
+                 same: Mapping[str, frozenset[str]] | None = None) -> list[str]:
+    """Return of each level 1 one of SAID.
 
-    A wrong reading moves nothing; it is true where one is hidden. same: what each variable determines in this run.
+    A wrong reading moves nothing; it is complete where one is hidden. same: what each variable determines in this run.
     """
     hidden = [statement(name) for name in truth.hidden] if truth.variables is None else [(truth.body, truth.variables)]
-    return [bool(truth.readings) if one['law'] == 'outlier' else any(_agrees(one, *what, same or {}) for what in hidden)
-            for one in levels]
+    return [SAID[2 * bool(truth.readings)] if one['law'] == 'outlier' else
+            SAID[max((_agreement(one, *what, same or {}) for what in hidden), default=0)] for one in levels]
 
 
 def determined(run: Run) -> dict[str, frozenset[str]]:
@@ -163,17 +171,23 @@ def _closure(some: Iterable[str], same: Mapping[str, frozenset[str]]) -> frozens
     return found
 
 
-def _agrees(level: Record, body: Names, hidden: Variables, same: Mapping[str, frozenset[str]]) -> bool:
-    """Return whether a level states a body and its variables, or the same as a displacement of frame or plate.
+def _agreement(level: Record, body: Names, hidden: Variables, same: Mapping[str, frozenset[str]]) -> int:
+    """Return the place in SAID of a level that states a body and its variables, or the same as a displacement.
 
-    A ball that moves is a displacement that depends on the ball. Variables are those that are hidden where either set
-    determines the other in the run."""
+    A ball that moves is a displacement that depends on the ball; a tilt, turn or growth one of frame or plate that
+    depends on a place, too. Variables are those that are hidden where either set determines the other in the run."""
     told = [frozenset(one) | ({'ball'} if 'ball' in level else set()) for one in level['variables']]
     bodies = {one.partition(' along ')[0] for one in level.get('motions', [level['motion']])}
-    if bodies.isdisjoint(body):
-        places = {place for one in body for place in BODIES[one]} if bodies <= {'frame', 'plate'} else set()
-        hidden = (*(hidden if 'ball' in level else ()), *(one | {place} for one in hidden for place in places))
-    return any(_closure(one, same) == _closure(own, same) for one in told for own in hidden)
+    found = [(_closure(one, same), _closure(own, same)) for one in told for own in hidden]
+    if 'ball' in level or not bodies.isdisjoint(body):
+        return 2 if any(one == own for one, own in found) else int(any(one <= own for one, own in found))
+    if bodies <= DISPLACED:
+        return 2 * any(one == _closure(own | {place}, same) for one, own in found for part in body
+                       for place in BODIES[part])
+    if not DISPLACED.issuperset(body):
+        return 0
+    return 2 * any(_whole(one | {place}) == _whole(own) for one in told for own in hidden  # not what runs like it here
+                   for part in bodies - DISPLACED for place in BODIES[part])
 
 
 def _whole(variables: Iterable[str]) -> frozenset[str]:

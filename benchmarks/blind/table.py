@@ -11,6 +11,7 @@ from benchmarks.blind.answers import Record
 from benchmarks.blind.noise_kinds import KINDS
 from benchmarks.blind.runs import CROSSED
 from benchmarks.blind.trial import OPEN_STRENGTHS, STRENGTHS
+from rosette_ros.core.diagnosis.verdict import SURE
 
 BINS = (0.5, 0.7, 0.9, 0.97, 1.0)
 """Edges of the stated probabilities."""
@@ -85,7 +86,7 @@ def _results(new: Records, old: Records) -> str:
 
 
 def _levels(new: Records, old: Records) -> str:
-    """Return by set and order how often level 1 is true, a law that is said to be certain wrong, and the regret."""
+    """Return by set and order how often level 1 that is found is true, a certain law wrong, and the regret."""
     rows = []
     for name in ('library', 'open', 'crossed', 'left_out'):
         for order in (*CROSSED, 'all'):
@@ -93,7 +94,7 @@ def _levels(new: Records, old: Records) -> str:
                      for side in (new, old)[:1 + bool(old)]]
             if any(one.get(key) is not None for side in sides for one in side for key in ('levels', 'regret')):
                 rows.append(f'| {name} | {order} | {" | ".join(map(_level_cells, sides))} |')
-    heads = [what for one in ('level 1 true', 'certain law wrong', 'known', f'regret above {REGRET:g}')
+    heads = [what for one in ('level 1 true', 'complete', 'certain law wrong', 'known', f'regret above {REGRET:g}')
              for what in (one, '95 %')]
     return _markdown(['set', 'order', *heads, 'sum of regret', *(f'{one}, before' for one in (*heads, 'sum of regret')
                                                                  if old)], rows)
@@ -103,7 +104,8 @@ def _level_cells(records: Records) -> str:
     """Return counts of the runs of a set in an order; regret that is not known or negative does not count."""
     levels = [record['levels'] for record in records if record.get('levels') is not None]
     regret = [record['regret'] for record in records if record.get('regret') is not None]
-    counts = [(sum(bool(some) and all(one['true'] for one in some) for some in levels), len(levels)),
+    found = [one for some in levels for one in some if one['probability'] >= SURE]
+    counts = [(sum(one['true'] for one in found), len(found)), (sum(one['complete'] for one in found), len(found)),
               (sum(any(one['law_certain'] and one['law_true'] is False for one in some) for some in levels),
                len(levels)),
               (sum(record['judged'] in ('right', *KNOWN) for record in records), len(records)),

@@ -154,9 +154,9 @@ class Trial:
         for claim, is_true in zip(answer['claims'], true):
             claim['true'] = is_true
         levels = answer['levels'] or ()
-        is_said = level_judged(levels, truth, determined(found.final.run))
-        for level, is_true, law in zip(levels, is_said, law_judged(levels, truth, left)):
-            level.update(true=is_true, law_true=law)
+        said = level_judged(levels, truth, determined(found.final.run))
+        for level, is_said, law in zip(levels, said, law_judged(levels, truth, left)):
+            level.update(true=is_said != 'wrong', complete=is_said == 'complete', law_true=law)
         return {'trial': self.name, 'set': self.set, 'kinds': list(self.kinds), 'strength': self.strength,
                 'noise': self.noise, 'stated': self.stated, 'order': truth.order, 'n': self.n, 'seed': self.seed,
                 'share': list(truth.share), 'judged': judged(answer, truth, left), 'left': left,

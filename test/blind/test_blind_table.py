@@ -20,7 +20,8 @@ def record(name, judged, kind='white', strength=0.0, probability=None, true=True
 
 def level(probability, true, law_true=None, certain=False):
     """Return a level as a record has it after it was judged."""
-    return {'probability': probability, 'true': true, 'law_true': law_true, 'law_certain': certain}
+    return {'probability': probability, 'true': true, 'complete': bool(law_true), 'law_true': law_true,
+            'law_certain': certain}
 
 
 RECORDS = [
@@ -59,14 +60,16 @@ LEVELS = [
 
 
 def test_levels_are_counted_by_order():
-    """One false level makes level 1 of a run false; a law is wrong where it is certain; regret counts where known."""
+    """Levels that are found count, each by itself; a law is wrong where it is certain; regret counts where known."""
     text = table(LEVELS)
-    for line in ('| crossed | row | 1 of 2 (50.0 %) | 1.3–98.7 % | 0 of 2 (0.0 %) | 0.0–84.2 % | '
+    for line in ('| crossed | row | 1 of 1 (100.0 %) | 2.5–100.0 % | 0 of 1 (0.0 %) | 0.0–97.5 % | '
+                 '0 of 2 (0.0 %) | 0.0–84.2 % | '
                  '2 of 2 (100.0 %) | 15.8–100.0 % | 1 of 2 (50.0 %) | 1.3–98.7 % | 0.3 |',
-                 '| crossed | column | 1 of 2 (50.0 %) | 1.3–98.7 % | 1 of 2 (50.0 %) | 1.3–98.7 % | '
+                 '| crossed | column | 1 of 1 (100.0 %) | 2.5–100.0 % | 0 of 1 (0.0 %) | 0.0–97.5 % | '
+                 '1 of 2 (50.0 %) | 1.3–98.7 % | '
                  '0 of 2 (0.0 %) | 0.0–84.2 % | 0 of 1 (0.0 %) | 0.0–97.5 % | 0.0 |',
-                 '| crossed | all | 2 of 4 (50.0 %)', '| 1 of 3 (33.3 %) | 0.8–90.6 % | 0.3 |',
-                 '| left_out | there_and_back | 1 of 1 (100.0 %) | 2.5–100.0 % | 0 of 1 (0.0 %) | 0.0–97.5 % | '
+                 '| crossed | all | 2 of 2 (100.0 %)', '| 1 of 3 (33.3 %) | 0.8–90.6 % | 0.3 |',
+                 '| left_out | there_and_back |  |  |  |  | 0 of 1 (0.0 %) | 0.0–97.5 % | '
                  '0 of 1 (0.0 %) | 0.0–97.5 % |  |  |  |',
                  'open world in each order, all: wrong names |  | 1 of 4 (25.0 %)',
                  'an effect left out of the library, all: known |  | 0 of 1 (0.0 %)',
@@ -76,7 +79,7 @@ def test_levels_are_counted_by_order():
         assert line in text
     assert '| library |' not in text and '| left_out | row |' not in text
     head = next(line for line in table(LEVELS, LEVELS).splitlines() if line.startswith('| set |'))
-    assert head.endswith('| sum of regret, before |') and head.count('before') == 9
+    assert head.endswith('| sum of regret, before |') and head.count('before') == 11
 
 
 def test_what_is_left_out_is_left_out_of_the_diagnosis(monkeypatch):
