@@ -87,7 +87,7 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment')
+    add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment', '--angle-unit')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
@@ -154,7 +154,7 @@ def evaluate_runs_jointly(options: Namespace) -> None:
 
 def diagnose_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--columns', '--model')
+    add_shared(parser, 'run_path', '--columns', '--model', '--angle-unit')
     parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
                         'identified in RUN confirmed there?')
     add_shared(parser, '--json')
@@ -205,7 +205,7 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
 
 def compare_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--columns', '--model')
+    add_shared(parser, 'run_path', '--columns', '--model', '--angle-unit')
     parser.add_argument('--ladder', action='store_true',
                         help='the residual of nested models: from the base model on, effect by effect')
     parser.add_argument('--noise-picture', metavar='FILE', type=picture_file,

@@ -48,7 +48,7 @@ def correct_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity', '--inputs', '--environment')
+    add_shared(parser, '--identity', '--inputs', '--environment', '--angle-unit')
     parser.add_argument('--for', dest='target', choices=('ros', *STEPS), default='ros',
                         help='ros: rosette-correction/1 (YAML) for table_corrector, verify and the simulated machine; '
                              'csv: a table; linuxcnc: a compensation file, COMP_FILE_TYPE = 1; sinumerik-enc, '
@@ -173,7 +173,7 @@ def verify_arguments(parser: ArgumentParser) -> None:
         parser.add_argument(when, metavar=when.upper(), help=f'run {when} the correction: log or table')
     parser.add_argument('--correction', metavar='FILE', required=True,
                         help='the correction (rosette correct RUN --for ros)')
-    add_shared(parser, '--model', '--inputs', '--environment', '--json')
+    add_shared(parser, '--model', '--inputs', '--environment', '--angle-unit', '--json')
 
 
 def run_verify(options: Namespace) -> int:
@@ -203,7 +203,7 @@ def run_verify(options: Namespace) -> int:
 
 def budget_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--run-id', '--columns', '--model', '--inputs', '--environment')
+    add_shared(parser, 'run_path', '--run-id', '--columns', '--model', '--inputs', '--environment', '--angle-unit')
     parser.add_argument('--hidden-effects', action='store_true', help='add bounds of effects that are not in the model '
                         'and that this order of measurement hides')
     parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),

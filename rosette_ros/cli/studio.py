@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--token', metavar='T', help=f'token that the page asks for at sign-in, at '
                         f'least {SHORTEST_TOKEN} characters (default: {TOKEN_VARIABLE} of the environment)')
     parser.add_argument('--archive', metavar='ARCHIVE', default='', help='show the runs of this archive first')
-    add_shared(parser, '--namespace', '--domain')
+    add_shared(parser, '--angle-unit', '--namespace', '--domain')
     parser.add_argument('--no-browser', action='store_true', help='print the address and open no browser')
 
 
