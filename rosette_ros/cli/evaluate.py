@@ -49,8 +49,7 @@ from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.io.bag_metadata import runs_in
-from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.log_reader import read_log, runs_in
 from rosette_ros.io.open_run import is_log, joint_identity, open_run
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import open_refitted

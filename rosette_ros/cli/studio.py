@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rosette_ros.cli.arguments import add_shared, whole
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.io.bag_metadata import runs_in
+from rosette_ros.io.log_reader import runs_in
 from rosette_ros.io.open_run import is_log
 from rosette_ros.studio.page import StudioOptions
 from rosette_ros.studio.server import is_loopback, serve
