@@ -79,5 +79,5 @@ def environment_of_cell(archive: RunArchive, serial: str, otherwise: Environment
     for kind, (square, unknown) in kinds.items():
         words = f'not found in {counted(len(every), "run")} of table {serial}' + (
             f'; {counted(int(unknown), "effect")} that none shows as {otherwise.name}' if unknown else '')
-        numbers[kind] = Size(float(np.sqrt(square)) / (lever if KINDS[kind].unit == 'urad' else 1.0), words)
+        numbers[kind] = Size(float(np.sqrt(square)) / (lever if KINDS[kind].si == 'rad' else 1.0), words)
     return Environment(f'table {serial}', numbers, effects)

@@ -16,6 +16,7 @@ from rosette_ros.archive.run_archive import MARK
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.bag_metadata import FILE_NAME as METADATA
 from rosette_ros.io.bag_metadata import is_hidden, is_one_log
+from rosette_ros.io.log_reader import holds_log
 from rosette_ros.io.text_file import is_regular
 
 _STAMPED = ('size', 'mtime', 'created', 'LastModified', 'last_modified', 'ETag', 'etag')
@@ -63,9 +64,10 @@ class FoundLog:
 def find_logs(places: Iterable[str]) -> list[FoundLog]:
     """Return the logs in folders and all that is below them, each once; a place may be a log itself.
 
-    A directory with a metadata.yaml, or with .mcap files that rosbag2 has numbered, is one log; other .mcap files and
-    all .csv files are one each. What is hidden, in the trash, or no file is none. Raises InvalidData
-    where nothing is, where an archive is, or where a URL needs a driver."""
+    A directory with a metadata.yaml, with .mcap files that rosbag2 has numbered or, on this computer, with those of one
+    run that follow each other, is one log; other .mcap files and all .csv files are one each. What is hidden, in the
+    trash, or no file is none. Raises InvalidData where nothing is, where an archive is, or where a URL needs a driver.
+    """
     found: dict[str, FoundLog] = {}
     for place in places:
         try:
@@ -84,7 +86,7 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
                 and (facts['type'] == 'file' or (is_local and is_regular(Path(path))))]
         if root in files and not kept:
             raise InvalidData(f'{place}: wanted a folder of logs, or a log, got a device, a pipe or a hidden file')
-        for path, inside in _grouped(root, kept):
+        for path, inside in _grouped(root, kept, is_local):
             if any('\ud800' <= sign <= '\udfff' for sign in path):
                 raise InvalidData(f'{path}: wanted a name in UTF-8, got another one; rename it')
             names = [file if is_local else system.unstrip_protocol(file) for file in (path, *inside)]
@@ -93,7 +95,7 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
     return list(found.values())
 
 
-def _grouped(root: str, files: list[str]) -> Iterator[tuple[str, list[str]]]:
+def _grouped(root: str, files: list[str], is_local: bool) -> Iterator[tuple[str, list[str]]]:
     """Yield the path of each log and the files of its content."""
     if files == [root]:
         yield root, files
@@ -104,7 +106,8 @@ def _grouped(root: str, files: list[str]) -> Iterator[tuple[str, list[str]]]:
     for folder, inside in folders.items():
         packed = [path for path in inside if path.match('*.mcap.zst*') and path.with_suffix('') not in inside]
         logs = [path for path in inside if path.suffix == '.mcap'] + packed
-        is_one = is_one_log([*(path.name for path in inside), *(path.stem for path in packed)])
+        is_one = is_one_log([*(path.name for path in inside), *(path.stem for path in packed)]) or (
+            is_local and holds_log(Path(folder)))
         if is_one:  # where its files are missing, it is a log that cannot be read
             yield str(folder), list(map(str, logs or [folder / METADATA]))
         for path in inside:

@@ -80,9 +80,9 @@ def trend_of(history: History) -> TableTrend:
         value, expanded = float(history.range[-1, place]), float(history.U[-1, place])
         if (found := conformity(value, expanded, limit)) is not Conformity.CONFORMS:
             unkept.append(curve)
-            unit = text.CURVE_UNITS[place]
-            said.append(f'{curve} {1e6 * value:.3g} ± {1e6 * expanded:.2g} {unit}: {found} to its tolerance of '
-                        f'{1e6 * limit:.3g} {unit}')
+            factor, unit = text.curve_scales()[place]
+            said.append(f'{curve} {factor * value:.3g} ± {factor * expanded:.2g} {unit}: {found} to its tolerance of '
+                        f'{factor * limit:.3g} {unit}')
     for event in recent:
         strongest = event.steps[0]
         said.append(f'{text.names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '

@@ -25,7 +25,7 @@ from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, condi
 
 DCC, SI, OWN = 'https://ptb.de/dcc', 'https://ptb.de/si', 'urn:rosette:certificate:1'
 SCHEMA = '3.3.0'
-MICRO = {'µm': r'\micro\metre', 'µrad': r'\micro\radian'}
+MICRO = {'m': r'\micro\metre', 'rad': r'\micro\radian'}
 UNITS = {'m': r'\metre', 'rad': r'\radian', 'K': r'\kelvin', '1/K': r'\kelvin\tothe{-1}',
          'm/K': r'\metre\kelvin\tothe{-1}'}
 """Units of inputs of the budget."""
@@ -196,14 +196,14 @@ def _curves(curves: CurveSet) -> Element:
     listed = [_quantity('table angle', 'rosette_angle', np.rad2deg(motions.angle), r'\degree')]
     listed += [_quantity(names[place], f'rosette_{curve}', 1e6 * motions.values[:, place], MICRO[unit],
                          1e6 * COVERAGE_FACTOR * motions.u[:, place], curves.probability)
-               for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True))]
+               for place, (curve, unit) in enumerate(SI_UNITS.items())]
     return _dcc('result', _named(f'six error motions of the {curves.words}'),
                 _dcc('data', _dcc('list', *listed)), refType='rosette_curves')
 
 
 def _error(line: AxisError, probability: float, beside: str) -> Element:
     """Return one error as a list of quantities, with its conformity; probability: of U; beside: said with it."""
-    unit = MICRO[f'µ{SI_UNITS[line.curve]}']
+    unit = MICRO[SI_UNITS[line.curve]]
 
     def quantity(name: str, key: str, value: float | None, expanded: float | None = None) -> list[Element]:
         return [] if value is None else [_quantity(name, f'rosette_{line.curve}_{key}', 1e6 * value, unit,
@@ -290,8 +290,8 @@ def _quantity(name: str, kind: str, value: float | Floats, unit: str,
 
 def _by_curve(name: str, kind: str, values: Floats) -> Iterable[Element]:
     """Yield lists of a value (6,) of each translation, and of each rotation."""
-    for unit, key in (('µm', 'translations'), ('µrad', 'rotations')):
-        which = [place for place, one in enumerate(text.CURVE_UNITS) if one == unit]
+    for unit, key in (('m', 'translations'), ('rad', 'rotations')):
+        which = [place for place, one in enumerate(SI_UNITS.values()) if one == unit]
         yield _quantity(f'{name} of {", ".join(CURVES[place] for place in which)}', f'{kind}_{key}',
                         1e6 * values[which], MICRO[unit])
 

@@ -29,7 +29,7 @@ from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES
 from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions
-from rosette_ros.presentation.formatting import CURVE_UNITS, glued
+from rosette_ros.presentation.formatting import curve_units, glued
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions, contact, signer
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.tables import curves as values_of
@@ -191,7 +191,7 @@ def _budget(made: Budget) -> Iterable[Any]:
     table = contributions(made)
     is_shown = [bool(np.any(one.mean >= NEGLIGIBLE * made.mean)) for one in made.contributions]
     small = [one.name for one, shown in zip(made.contributions, is_shown, strict=True) if not shown]
-    heads = ['contribution', *(f'{curve} / {unit}' for curve, unit in zip(CURVES, CURVE_UNITS, strict=True))]
+    heads = ['contribution', *(f'{curve} / {unit}' for curve, unit in zip(CURVES, curve_units(), strict=True))]
     grid = _grid([heads, *(tuple(map(_text, row)) for row, shown in zip(table.rows, is_shown, strict=True) if shown),
                   *(tuple(f'<b>{_text(cell)}</b>' for cell in row) for row in table.footer)],
                  (0.31, *[0.115] * 6), [place for place, column in enumerate(table.shown) if column.number])

@@ -340,7 +340,7 @@ def trend_arguments(parser: ArgumentParser) -> None:
                         'that of most runs)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the trend as a page (HTML)')
     parser.add_argument('--figures', metavar='DIR', help='write the picture of the errors over time (PNG)')
-    add_shared(parser, '--force', '--json')
+    add_shared(parser, '--angle-unit', '--force', '--json')
 
 
 def run_trend(options: Namespace) -> None:

@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.number_words import ANGLES
 from rosette_ros.core.stated_environment import CLASSES
 from rosette_ros.io.text_file import path_of, refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
@@ -128,6 +129,8 @@ SHARED: dict[str, dict[str, Any]] = {
                  'form of the balls, temperature, alignment (YAML, rosette-budget/1, see config/budget.yaml)'},
     '--environment': {'choices': tuple(CLASSES), 'help': 'how far machine, table and plate may move in a run, so that '
                       'U contains what the order cannot show; numbers of the cell: section environment of --inputs'},
+    '--angle-unit': {'choices': tuple(ANGLES), 'default': 'urad', 'help': 'of small angles in all that is printed, '
+                     'drawn and written as text or table; JSON and files for controllers keep theirs (default urad)'},
     '--format': {'choices': ('svg', 'png'), 'help': 'of the files of --figures (default svg)'},
     '--force': {'action': 'store_true', 'help': 'overwrite existing files'},
     '--trace': {'action': 'store_true', 'help': 'show every line that is sent and received, on stderr'},

@@ -222,7 +222,7 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--resume', metavar='RUN', help='continue a run that was interrupted: its log, by name or path')
     parser.add_argument('--joint-with', metavar='RUN', nargs='+', help='evaluate the run as one with these finished '
                         'ones, by name; the cell keeps the last four, this one included')
-    add_shared(parser, '--namespace', '--domain')
+    add_shared(parser, '--angle-unit', '--namespace', '--domain')
 
 
 def run_calibrate(options: argparse.Namespace) -> None:

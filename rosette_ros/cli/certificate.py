@@ -34,7 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'run, in this folder)')
     parser.add_argument('--pdf', metavar='FILE', help='write it for people, too, the XML attached')
     add_shared(parser, '--inputs', help=f'{SHARED["--inputs"]["help"]}; U is that of the budget then')
-    add_shared(parser, '--environment')
+    add_shared(parser, '--environment', '--angle-unit')
     parser.add_argument('--verify', metavar='CERT', help='compare a certificate with its run instead: curves, hash, '
                         'all that is in it')
     add_shared(parser, '--json', help='with --verify: print one JSON object and nothing else')

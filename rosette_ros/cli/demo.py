@@ -39,7 +39,7 @@ from rosette_ros.io.model_file import write_model
 from rosette_ros.io.open_run import open_identified
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.correction_results import check_table
-from rosette_ros.presentation.formatting import CURVE_UNITS, fixed, millimetres
+from rosette_ros.presentation.formatting import curve_scales, fixed, millimetres
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import open_source, write_report
@@ -85,7 +85,7 @@ def demo_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--dme', action='store_true', help='the machine is behind an I++ DME server and is measured '
                         'touch by touch, as a real CMM would be')
     add_shared(parser, '--identity', help=IN_LOG)
-    add_shared(parser, '--output')
+    add_shared(parser, '--output', '--angle-unit')
     add_shared(parser, '--domain', help='ROS domain (default: a free one)')
     parser.add_argument('--keep', action='store_true', help='leave the cell running afterwards, until Ctrl-C')
 
@@ -226,8 +226,9 @@ def stages(fits: tuple[Fit, Fit, Fit]) -> Table:
     return Table('stages', 'What became of the error', (
         words('stage', 'stage', NUMBERED),
         micrometre_column('residual_um', 'residual', [fit.rms for fit in fits]),
-        *(column(of_all[0].curve, of_all[0].curve, [1e6 * one.range for one in of_all], partial(fixed, places=2), unit)
-          for of_all, unit in zip(zip(*(error_lines(fit.error_motions) for fit in fits)), CURVE_UNITS))),
+        *(column(of_all[0].curve, of_all[0].curve, [factor * one.range for one in of_all],
+                 partial(fixed, places=2), unit)
+          for of_all, (factor, unit) in zip(zip(*(error_lines(fit.error_motions) for fit in fits)), curve_scales()))),
         note='Residual: standard deviation of a coordinate; errors: range.')
 
 

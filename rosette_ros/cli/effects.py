@@ -118,7 +118,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--direction', metavar='D', help=f'of a user-defined term: {", ".join(DIRECTIONS)}')
     parser.add_argument('--expression', metavar='E', help='of a user-defined term')
     parser.add_argument('--per', metavar='P', help=f'one amplitude for each: {", ".join(PER)} (default all)')
-    add_shared(parser, '--json')
+    add_shared(parser, '--angle-unit', '--json')
 
 
 def assignment(text: str) -> tuple[str, int | float | str]:
@@ -249,7 +249,7 @@ def remove_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('effect', metavar='EFFECT', help='name as in the model; the last of several with one name')
     add_file(parser)
-    add_shared(parser, '--json')
+    add_shared(parser, '--angle-unit', '--json')
 
 
 def run_remove(options: Namespace) -> None:

@@ -49,8 +49,7 @@ from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.io.bag_metadata import runs_in
-from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.log_reader import read_log, runs_in
 from rosette_ros.io.open_run import is_log, joint_identity, open_run
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import open_refitted
@@ -87,7 +86,7 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment')
+    add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment', '--angle-unit')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
@@ -154,7 +153,7 @@ def evaluate_runs_jointly(options: Namespace) -> None:
 
 def diagnose_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--columns', '--model')
+    add_shared(parser, 'run_path', '--columns', '--model', '--angle-unit')
     parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
                         'identified in RUN confirmed there?')
     add_shared(parser, '--json')
@@ -205,7 +204,7 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
 
 def compare_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--columns', '--model')
+    add_shared(parser, 'run_path', '--columns', '--model', '--angle-unit')
     parser.add_argument('--ladder', action='store_true',
                         help='the residual of nested models: from the base model on, effect by effect')
     parser.add_argument('--noise-picture', metavar='FILE', type=picture_file,

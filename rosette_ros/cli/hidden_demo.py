@@ -36,7 +36,7 @@ from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme, plan
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import read_model, write_model
-from rosette_ros.presentation.formatting import duration, exact, fixed, residual_words, sigmas
+from rosette_ros.presentation.formatting import duration, exact, fixed, residual_words, sigmas, sized
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import nested_models
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
@@ -150,8 +150,9 @@ def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before:
     sizes = []
     for fit in (before, after):
         found = compare_truth(fit, config, frame)
-        off = 1e6 * np.sqrt(np.mean((fit.error_motions.values - found.truth)**2, axis=0))
-        sizes.append(f'{np.sqrt(np.mean(off[:3]**2)):.3f} µm and {np.sqrt(np.mean(off[3:]**2)):.2f} µrad rms '
+        off = np.sqrt(np.mean((fit.error_motions.values - found.truth)**2, axis=0))
+        sizes.append(f'{sized(float(np.sqrt(np.mean(off[:3]**2))), "m", 3)} and '
+                     f'{sized(float(np.sqrt(np.mean(off[3:]**2))))} rms '
                      f'({found.rms:.2f} standard uncertainties)')
     out.print(f'\nThe six curves differ from those built into the machine by\n  {sizes[0]} before,\n'
               f'  {sizes[1]} after; expected 1.')
@@ -237,7 +238,7 @@ def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[
 
 def envelope_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path')
+    add_shared(parser, 'run_path', '--angle-unit')
     add_shared(parser, '--model', help='judge your own model: what it has found, missed, and what is superfluous')
     parser.add_argument('--all', action='store_true', help='print how it is found, too, step by step')
 

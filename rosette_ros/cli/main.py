@@ -26,6 +26,7 @@ from typing import Any, NoReturn, TypeAlias
 from rosette_ros import __version__
 from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs, load
 from rosette_ros.core.errors import RosetteError, one_line, unknown_name
+from rosette_ros.core.number_words import show_angles
 from rosette_ros.nodes.environment import check_middleware
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
@@ -140,6 +141,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         threading.Thread(target=_end_late, args=(told, ends), name='end', daemon=True).start()
     try:
         options = parse(sys.argv[1:] if argv is None else list(argv))
+        show_angles(vars(options).get('angle_unit', 'urad'))
         expand_home(options)
         keep_inputs(options)
         code = options.run(options)

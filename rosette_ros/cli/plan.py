@@ -73,7 +73,7 @@ def plan_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--shortest', action='store_true', help='the fewest CMM positions that determine the curves')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
-    arguments.add_shared(parser, '--inputs', '--environment', '--format', '--force')
+    arguments.add_shared(parser, '--inputs', '--environment', '--angle-unit', '--format', '--force')
     group = arguments.add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several '
                                   'plans what they determine')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
@@ -263,7 +263,7 @@ def advise_arguments(parser: ArgumentParser) -> None:
                         f'a cause is settled (default {UNTIL:g})')
     parser.add_argument('--plan', metavar='FILE', help='with --readings: write what was measured, and they, as a plan '
                         'for calibrate --plan, CSV')
-    add_shared(parser, '--model', '--inputs', '--environment', '--json', '--force')
+    add_shared(parser, '--model', '--inputs', '--environment', '--angle-unit', '--json', '--force')
 
 
 def run_advise(options: Namespace) -> None:
@@ -332,7 +332,7 @@ def show_advice(advice: Advice, n: int, radius: float) -> None:
         tables.visibility(advice.present.visibilities, best.visibilities).select(
             'effect', 'typical_visible_fraction', 'detectable_rms_um', 'recommended_order_visible_fraction',
             'recommended_order_detectable_rms_um', 'remark'),
-        tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'U_ct_um', 'U_cr_urad',
+        tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'U_ct', 'U_cr',
                                      'travel_time_s', 'duration_s')])
     if best.label != advice.present.label:
         turning = () if best.label == best.order else ('--turning', best.turning)

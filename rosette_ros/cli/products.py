@@ -48,7 +48,7 @@ def correct_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity', '--inputs', '--environment')
+    add_shared(parser, '--identity', '--inputs', '--environment', '--angle-unit')
     parser.add_argument('--for', dest='target', choices=('ros', *STEPS), default='ros',
                         help='ros: rosette-correction/1 (YAML) for table_corrector, verify and the simulated machine; '
                              'csv: a table; linuxcnc: a compensation file, COMP_FILE_TYPE = 1; sinumerik-enc, '
@@ -67,6 +67,8 @@ def correct_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--sign', choices=('1', '-1'), help='sense in which the axis counts: 1 counter-clockwise seen '
                         "from above (default; with C' -1)")
     parser.add_argument('--zero', metavar='DEG', type=float, help='where the axis is at table angle 0 (default 0)')
+    parser.add_argument('--invert', action='store_true', default=None, help='of heidenhain and fanuc: the controller '
+                        'takes the values the other way, which a trial at one position shows')
     parser.add_argument('--detection-unit', metavar='DEG', type=positive('deg'), help='of fanuc (default 0.0001)')
     add_shared(parser, '--force')
 
@@ -80,6 +82,7 @@ def run_correct(options: Namespace) -> None:
     if [one for one in corrected if one not in CURVES]:
         raise UsageError(f'--curves: wanted some of {",".join(CURVES)}, got {options.curves!r}')
     for name, targets in (('step', [*STEPS]), ('range', ['csv', 'linuxcnc']), ('detection_unit', ['fanuc']),
+                          ('invert', ['heidenhain', 'fanuc']),
                           *((one, [*STEPS][1:]) for one in ('axis', 'sign', 'zero'))):
         if getattr(options, name) is not None and options.target not in targets:
             raise UsageError(f'correct: --{name.replace("_", "-")} goes with --for {", ".join(targets)} only; leave '
@@ -88,7 +91,7 @@ def run_correct(options: Namespace) -> None:
     if not re.fullmatch(r"[A-Za-z]\w*'?", axis):
         raise UsageError(f'--axis: wanted the name of an axis such as C, C1 or C\', got {axis!r}')
     controller = Axis(axis.rstrip("'"), int(options.sign or (-1 if axis.endswith("'") else 1)), options.zero or 0.0,
-                      options.detection_unit or 1e-4)
+                      options.detection_unit or 1e-4, -1 if options.invert else 1)
     if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
         raise UsageError(f'--output: wanted a name for YAML with --for ros, got {options.output!r}; --for csv writes a '
                          'table')
@@ -173,7 +176,7 @@ def verify_arguments(parser: ArgumentParser) -> None:
         parser.add_argument(when, metavar=when.upper(), help=f'run {when} the correction: log or table')
     parser.add_argument('--correction', metavar='FILE', required=True,
                         help='the correction (rosette correct RUN --for ros)')
-    add_shared(parser, '--model', '--inputs', '--environment', '--json')
+    add_shared(parser, '--model', '--inputs', '--environment', '--angle-unit', '--json')
 
 
 def run_verify(options: Namespace) -> int:
@@ -203,7 +206,7 @@ def run_verify(options: Namespace) -> int:
 
 def budget_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--run-id', '--columns', '--model', '--inputs', '--environment')
+    add_shared(parser, 'run_path', '--run-id', '--columns', '--model', '--inputs', '--environment', '--angle-unit')
     parser.add_argument('--hidden-effects', action='store_true', help='add bounds of effects that are not in the model '
                         'and that this order of measurement hides')
     parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),

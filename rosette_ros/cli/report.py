@@ -52,7 +52,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         '(iii) CMM correction off, (iv) that and the table axial correction off; two more: table '
                         'angular correction off, and on again')
     add_joint(parser)
-    add_shared(parser, '--refit-spheres', '--inputs', '--environment')
+    add_shared(parser, '--refit-spheres', '--inputs', '--environment', '--angle-unit')
     parser.add_argument('--maker', metavar='FILE', help="with --compare: the maker's correction tables, CSV "
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rosette_ros.cli.arguments import add_shared, whole
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.io.bag_metadata import runs_in
+from rosette_ros.io.log_reader import runs_in
 from rosette_ros.io.open_run import is_log
 from rosette_ros.studio.page import StudioOptions
 from rosette_ros.studio.server import is_loopback, serve
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--token', metavar='T', help=f'token that the page asks for at sign-in, at '
                         f'least {SHORTEST_TOKEN} characters (default: {TOKEN_VARIABLE} of the environment)')
     parser.add_argument('--archive', metavar='ARCHIVE', default='', help='show the runs of this archive first')
-    add_shared(parser, '--namespace', '--domain')
+    add_shared(parser, '--angle-unit', '--namespace', '--domain')
     parser.add_argument('--no-browser', action='store_true', help='print the address and open no browser')
 
 

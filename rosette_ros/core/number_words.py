@@ -2,11 +2,45 @@
 """Numbers with significant digits, the same in sentences and in tables."""
 
 import math
+from typing import NamedTuple
 
 UNKNOWN = '–'
 MOST_DECIMALS = 9
 """A smaller number has an exponent."""
 SMALLEST_P = 1e-6
+ARC_SECOND = math.pi / 648000
+
+
+class Scale(NamedTuple):
+    """How an SI value is shown: times `factor`, in `unit`."""
+
+    factor: float
+    unit: str
+
+
+ANGLES = {'urad': Scale(1e6, 'µrad'), 'arcsec': Scale(1 / ARC_SECOND, 'arcsec')}
+"""Units of small angles, by the names that --angle-unit takes."""
+SCALES = {'1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'), 'm': Scale(1e6, 'µm'),
+          'm/s': Scale(3.6e9, 'µm/h'), 'm/s^2': Scale(1.296e13, 'µm/h²'), '1/s': Scale(3.6e9, 'ppm/h'),
+          'm/m': Scale(1e6, 'ppm'), 'm/K': Scale(1e6, 'µm/K'), '1/K': Scale(1e6, 'ppm/K'),
+          'reading': Scale(1.0, 'readings'), 'm/reading': Scale(1e6, 'µm/reading'),
+          'm/reading^2': Scale(1e6, 'µm/reading²'), '1/reading': Scale(1e6, 'ppm/reading')}
+"""SI unit: how it is shown; a unit that is not here is shown as it is. Those of angles: `show_angles`."""
+
+
+def show_angles(unit: str) -> None:
+    """Show small angles in a unit of ANGLES from now on, in all that this process prints and draws."""
+    factor, name = ANGLES[unit]
+    SCALES.update({f'rad{per}': Scale(factor * times, f'{name}{shown}') for per, times, shown in (
+        ('', 1, ''), ('/s', 3600, '/h'), ('/K', 1, '/K'), ('/reading', 1, '/reading'))})
+
+
+def angle_unit() -> str:
+    """Return the name of the unit that `show_angles` was given last."""
+    return next(name for name, one in ANGLES.items() if one == SCALES['rad'])
+
+
+show_angles('urad')
 
 
 def significant(value: float, digits: int = 3) -> str:

@@ -12,6 +12,11 @@ class Kind(NamedTuple):
     words: str
     unit: str = 'um'
 
+    @property
+    def si(self) -> str:
+        """Its SI unit, m or rad."""
+        return self.unit[1:]
+
 
 KINDS = {
     'machine': Kind('machine against table'), 'table_zero': Kind('zero of the table angle', 'urad'),

@@ -7,7 +7,7 @@ record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp."""
 import re
 import shlex
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -188,8 +188,8 @@ class BagListing:
     messages: dict[Path, int] = field(default_factory=dict)
 
 
-def find_files(path: str | Path) -> BagListing:
-    """Return the BagListing of a log directory or of one .mcap file.
+def find_files(path: str | Path, is_log: Callable[[Path], bool] | None = None) -> BagListing:
+    """Return the BagListing of a log directory or of one .mcap file; is_log: as of `runs_in`.
 
     Raises InvalidData where there is none, or metadata.yaml is none or names a file that is missing."""
     path = Path(path)
@@ -200,7 +200,7 @@ def find_files(path: str | Path) -> BagListing:
             raise InvalidData(f'{path}: wanted a log directory or an .mcap file, got '
                               f'{"a device or a pipe" if path.exists() else "nothing there; check the path"}')
         if not holds_log(path):
-            if not (inside := runs_in(path)):
+            if not (inside := runs_in(path, is_log)):
                 for one in sorted(filter(is_regular, path.iterdir())):
                     with open(one, 'rb') as stream:
                         refuse_other(one, stream.read(512))
@@ -218,18 +218,25 @@ def find_files(path: str | Path) -> BagListing:
                                                 'it back' for number in lost[:MOST_LOST]))
 
 
-def runs_in(folder: str | Path) -> list[Path]:
-    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read."""
+def runs_in(folder: str | Path, is_log: Callable[[Path], bool] | None = None) -> list[Path]:
+    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read.
+
+    is_log: whether a folder is one log (default: by the names of its files); its files are no runs then."""
+    judged = is_log or holds_log
     with reading(folder, 'a folder of runs'):
-        return sorted(filter(_is_run, Path(folder).iterdir()), key=lambda path: path.stat().st_mtime, reverse=True)
+        found = [path for path in Path(folder).iterdir() if _is_run(path, judged)]
+        parts = [path for path in found if path.suffix == '.mcap' and path.is_file()]
+        if len(parts) > 1 and judged(Path(folder)):
+            found = [Path(folder), *(path for path in found if path not in parts)]
+        return sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
 
 
-def _is_run(path: Path) -> bool:
+def _is_run(path: Path, is_log: Callable[[Path], bool]) -> bool:
     """Return whether a name in a folder is that of a log or a table, sound or not; a link without an end is none."""
     try:
         if is_hidden(path.name):
             return False
-        return holds_log(path) if path.is_dir() else path.suffix in ('.mcap', '.csv') and is_regular(path)
+        return is_log(path) if path.is_dir() else path.suffix in ('.mcap', '.csv') and is_regular(path)
     except OSError:  # a folder of somebody else
         return False
 

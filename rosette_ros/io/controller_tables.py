@@ -12,6 +12,7 @@ import numpy as np
 
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.number_words import SCALES
 from rosette_ros.core.records import Floats
 
 MOST_LOST = 0.1
@@ -29,12 +30,14 @@ FANUC_POINTS, FANUC_STEP, FANUC_TIMES = 128, 7, 100
 @dataclass(frozen=True)
 class Axis:
     """The axis of a controller that turns the table: its name, its sense (-1: clockwise, as C' of ISO 841) and where it
-    is at table angle 0, deg; unit: of detection, deg."""
+    is at table angle 0, deg; unit: of detection, deg; count: -1 where the controller takes the values of `heidenhain`
+    and `fanuc` the other way."""
 
     name: str = 'C'
     sign: int = 1
     zero: float = 0.0
     unit: float = 1e-4
+    count: int = 1
 
     def deviation(self, correction: Correction, angle: Floats, sense: int) -> Floats:
         """Return d at angles of the axis (m,), deg, that it came to in a sense of its own, (m,), deg."""
@@ -99,7 +102,8 @@ def sinumerik_cec(correction: Correction, step: float, axis: Axis) -> tuple[str,
 def heidenhain(correction: Correction, step: float, axis: Axis) -> tuple[str, list[str]]:
     """Return a .COM table: at AXISPOS the error of the axis, positive where it goes too far; BACKLASH: backwards.
 
-    The control takes entries of 0 to 360 deg, and begins with 0 at the datum."""
+    The control takes entries of 0 to 360 deg, and begins with 0 at the datum. Source: HEIDENHAIN, Technical Manual
+    TNC 407/415/425, 4-26 (error: positive where the travel is too long) and 4-28 (example: a column of errors)."""
     angle = _turn(correction, step, HEIDENHAIN_POINTS, 'HEIDENHAIN', axis)
     zero = axis.deviation(correction, np.zeros(1), 1)
     forward, backward = (axis.deviation(correction, angle, sense) - zero + 0.0 for sense in (1, -1))
@@ -109,21 +113,22 @@ def heidenhain(correction: Correction, step: float, axis: Axis) -> tuple[str, li
                             f'{HEIDENHAIN_SLOPE * step:g} deg from one to the next, got {largest:.3g}; is the table '
                             'measured right?')
     name = f'{axis.name}.COM'
-    rows = [f'{place:<6}{at:<+12.4f}{back:<+14.7f}{value:+.7f}'
+    rows = [f'{place:<6}{at:<+12.4f}{axis.count * back + 0.0:<+14.7f}{axis.count * value + 0.0:+.7f}'
             for place, (at, back, value) in enumerate(zip(angle, backward, forward))]
     head = f'{"NR":<6}{"AXISPOS":<12}{"BACKLASH":<14}{axis.name}'
     return '\n'.join((f'BEGIN {name} MM', head, *rows, '[END]', '')), [
-        f'Enter {name} in the column {axis.name} of the active line of the .CMA table.']
+        f'Enter {name} in the column {axis.name} of the active line of the .CMA table.', _trial(axis, angle, forward)]
 
 
 def fanuc(correction: Correction, step: float, axis: Axis) -> tuple[str, list[str]]:
     """Return pitch error data: by how many detection units the axis goes farther at each point than at the one before.
 
-    N10000 is the reference position, at 0 deg of the axis; its value is that of the last point."""
+    N10000 is the reference position, at 0 deg of the axis; its value is that of the last point. Source: FANUC, Series
+    0i Parameter Manual B-63980EN, pp. 99-100, which does not state in words what a positive value does."""
     angle, values, notes = _both_senses(correction, _turn(correction, step, FANUC_POINTS, 'FANUC', axis), axis,
                                         'parameter 1851')
     for times in range(1, FANUC_TIMES + 1):
-        steps = np.diff(np.rint(-values / (axis.unit * times))).astype(int)
+        steps = np.diff(np.rint(-axis.count * values / (axis.unit * times))).astype(int)
         if np.abs(steps).max() <= FANUC_STEP:
             break
     else:
@@ -137,7 +142,7 @@ def fanuc(correction: Correction, step: float, axis: Axis) -> tuple[str, list[st
     return '\n'.join(('%', *lines, '%', '')), [
         *notes, f'Parameters of {axis.name}: 3620 = 0, 3621 = 0, 3622 = {last}, 3623 = {times}, 3624 = {step:g}, '
         f'3625 = 360 (deg); rounding to {times} times {axis.unit:g} deg leaves up to {1800 * times * axis.unit:.2g} '
-        'arcsec.']
+        'arcsec.', _trial(axis, angle, values)]
 
 
 Writer = Callable[[Correction, float, Axis], tuple[str, list[str]]]
@@ -174,6 +179,15 @@ def _both_senses(correction: Correction, angle: Floats, axis: Axis, backlash: st
     return angle, mean - mean[0] + 0.0, notes
 
 
+def _trial(axis: Axis, angle: Floats, values: Floats) -> str:
+    """Return how the sign of a table is tried at the angle of its largest value, in words."""
+    at = int(np.abs(values).argmax())
+    off = 3600 * values[at]
+    return (f'Try the sign first, the manuals do not state it for every version: from {axis.name} = 0 to {angle[at]:g} '
+            f'deg the table turns {abs(off):.2f} arcsec too {"far" if off > 0 else "little"}; with the file active it '
+            'is right within U. Where it is twice as much, write the file again with --invert.')
+
+
 def _size_and_widest(correction: Correction) -> tuple[float, float]:
     """Return the largest crz, rad, and how far apart lines may be that lose little, deg; raises InvalidConfig."""
     if 'crz' not in correction.corrected:
@@ -190,7 +204,8 @@ def _check_lost(correction: Correction, nominal: Floats, step: float, size: floa
     between = nominal[0] + (nominal[-1] - nominal[0]) * np.arange(40 * nominal.size) / (40 * nominal.size - 1)
     lost = max(np.abs(np.interp(between, nominal, axis.deviation(correction, nominal, sense))
                       - axis.deviation(correction, between, sense)).max() for sense in (1, -1))
+    factor, unit = SCALES['rad']
     if np.deg2rad(lost) > MOST_LOST * size:
         raise InvalidConfig(f'correct: wanted lines between which straight lines lose at most {MOST_LOST:.0%} of crz, '
-                            f'got --step {step:g}, which loses {1e6 * np.deg2rad(lost):.3g} of {1e6 * size:.3g} µrad; '
-                            f'take --step {widest:g} or less')
+                            f'got --step {step:g}, which loses {factor * np.deg2rad(lost):.3g} of '
+                            f'{factor * size:.3g} {unit}; take --step {widest:g} or less')

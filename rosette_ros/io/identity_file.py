@@ -2,7 +2,6 @@
 """Who, what and where of a calibration, which no reading tells: a file in YAML, schema rosette-identity/1."""
 
 import datetime
-import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -15,6 +14,7 @@ import yaml
 from rosette_ros.core.axes import iso_names
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
+from rosette_ros.core.number_words import ARC_SECOND
 from rosette_ros.core.records import CURVES, SI_UNITS
 from rosette_ros.io.safe_yaml import PlainDumper, known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
@@ -47,8 +47,6 @@ REQUIRED = ('certificate.number', 'laboratory.name', 'laboratory.city', 'laborat
 NAMED = ('place', 'traceability', 'operator', 'signer')
 """Sections that may be a text alone, the name."""
 AT = ('laboratory', 'customer', 'other')
-ARC_SECOND = math.pi / 648000
-"""In rad."""
 _LENGTHS = {**dict.fromkeys(('µm', 'μm', 'um'), 1e-6), 'nm': 1e-9, 'mm': 1e-3}
 _ANGLES = {**dict.fromkeys(('µrad', 'μrad', 'urad'), 1e-6), 'mrad': 1e-3, 'rad': 1.0, **dict.fromkeys(
     ('arcsec', 'arcsecond', 'arcseconds', '″', '"', "''"), ARC_SECOND)}

@@ -318,19 +318,35 @@ def _uncompressed(data: bytes, compression: str, size: int) -> bytes:
 
 
 def find_files(path: str | Path) -> bag.BagListing:
-    """Return the BagListing of a log; raises as bag_metadata.find_files. Files whose names do not make them one log
-    are one where they are of one run and follow each other."""
+    """Return the BagListing of a log, in one file or in parts; raises as bag_metadata.find_files."""
+    with reading(path, 'a log'):
+        parts = _parts_in(Path(path))
+    return bag.BagListing(parts) if parts else bag.find_files(path, holds_log)
+
+
+def holds_log(directory: Path) -> bool:
+    """Return whether a folder is one log, by the names of its files or by what these hold."""
+    return bag.holds_log(directory) or bool(_parts_in(directory))
+
+
+def runs_in(folder: str | Path) -> list[Path]:
+    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read."""
+    return bag.runs_in(folder, holds_log)
+
+
+def _parts_in(directory: Path) -> tuple[Path, ...]:
+    """Return the files of a log that their names do not make one, but that are of one run and follow each other."""
     logs, runs = list[LogRun](), set[str]()
-    with reading(path, 'a log'), contextlib.suppress(InvalidData):
-        for file in bag.files_in(Path(path)) if Path(path).is_dir() and not bag.holds_log(Path(path)) else ():
+    with contextlib.suppress(InvalidData):
+        for file in bag.files_in(directory) if directory.is_dir() and not bag.holds_log(directory) else ():
             logs.append(read_log(file))
             runs |= {*logs[-1].runs, *(state.run_id for state in logs[-1].states)}
             if len(runs) != 1:
                 break
         logs.sort(key=lambda log: log.start_ns)
         if len(runs) == 1 and all(before.end_ns <= after.start_ns for before, after in pairwise(logs)):
-            return bag.BagListing(tuple(log.path for log in logs))
-    return bag.find_files(path)
+            return tuple(log.path for log in logs)
+    return ()
 
 
 def open_files(listing: bag.BagListing, within: float = math.inf) -> list[LogFile]:

@@ -43,12 +43,12 @@ def contributions(made: Budget) -> Table:
     is_even = bool(np.all(worst <= (1 + ALIKE) * u))
     rows = [one for place, one in enumerate(ROWS) if place != WORST or not is_even]
     columns = [words('contribution', 'contribution', [one.name for one in lines], rows)]
-    for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
-        digits = _digits(u[place])
-        footer = [text.fixed(1e6 * value, digits) for value in (
+    for place, (curve, (factor, unit)) in enumerate(zip(CURVES, text.curve_scales(), strict=True)):
+        digits = _digits(factor * u[place])
+        footer = [text.fixed(factor * value, digits) for value in (
             u[place], COVERAGE_FACTOR * u[place], COVERAGE_FACTOR * worst[place])][:WORST + (not is_even)]
         columns.append(column(
-            f'u_{curve}_{unit.replace("µ", "u")}', names[place], [1e6 * float(one.mean[place]) for one in lines],
+            f'u_{curve}_{text.file_unit(unit)}', names[place], [factor * float(one.mean[place]) for one in lines],
             partial(text.at_least, places=digits), unit, footer=[*footer, shown_dof(float(made.effective_dof[place]))]))
     for place, curve in enumerate(CURVES):
         columns.append(column(f'sensitivity_{curve}_si', '', [float(one.sensitivity[place]) for one in lines]))
@@ -60,9 +60,9 @@ def bound_table(made: Budget) -> Table:
     lines, names = [one for one in made.contributions if one.is_bound], text.curve_names(made.fit.run.rotation)
     return Table('bounds', 'Bounds of effects that are not in the model, beside the combined u', (
         words('effect', 'effect', [one.name for one in lines]), words('words', 'bound', [one.words for one in lines]),
-        *(column(f'u_{curve}_{unit.replace("µ", "u")}', name, [1e6 * float(one.mean[place]) for one in lines],
+        *(column(f'u_{curve}_{text.file_unit(unit)}', name, [factor * float(one.mean[place]) for one in lines],
                  text.significant, unit)
-          for place, (curve, unit, name) in enumerate(zip(CURVES, text.CURVE_UNITS, names, strict=True)))),
+          for place, (curve, (factor, unit), name) in enumerate(zip(CURVES, text.curve_scales(), names, strict=True)))),
         note='Standard uncertainties if the effect were as large as its bound; no estimates.')
 
 
@@ -84,11 +84,15 @@ def environment_words(environment: Environment | None) -> str:
     """Return what may move in a run, with its sizes."""
     if environment is None:
         return 'not stated: U lacks what the order of measurement cannot show'
-    sizes = [f'{KINDS[kind].words} {text.micro(one.value, text.decimals(1e6 * one.value, 1))} '
-             f'µ{KINDS[kind].unit.removeprefix("u")}' for kind, one in environment.sizes.items()]
-    sizes += [f'{text.title_of(name)} {text.micro(one.value, text.decimals(1e6 * one.value, 1))} µm at a ball'
+    sizes = [f'{KINDS[kind].words} {_size(one.value, KINDS[kind].si)}' for kind, one in environment.sizes.items()]
+    sizes += [f'{text.title_of(name)} {_size(one.value, "m")} at a ball'
               for name, one in environment.effects.items()]
     return f'{environment.name}: {", ".join(sizes)} in a run (standard deviations from run to run)'
+
+
+def _size(value: float, unit: str) -> str:
+    scale = text.scale_of(unit)
+    return f'{text.fixed(scale.factor * value, text.decimals(scale.factor * value, 1))} {scale.unit}'
 
 
 def beyond_words(environment: Environment | None) -> str:
@@ -110,14 +114,14 @@ def stated_json(environment: Environment | None) -> Json | None:
     """Return what is stated of the environment, SI units, None where nothing is."""
     return None if environment is None else {
         'name': environment.name,
-        'sizes': {kind: {'value': one.value, 'unit': 'rad' if KINDS[kind].unit == 'urad' else 'm', 'source': one.source}
+        'sizes': {kind: {'value': one.value, 'unit': KINDS[kind].si, 'source': one.source}
                   for kind, one in environment.sizes.items()},
         'effects': {name: {'value': one.value, 'unit': 'm', 'source': one.source}
                     for name, one in environment.effects.items()}}
 
 
 def _digits(u: float) -> int:
-    return text.decimals(1e6 * COVERAGE_FACTOR * u, 2) + 1 if u else text.MICRO_DECIMALS
+    return text.decimals(COVERAGE_FACTOR * u, 2) + 1 if u else text.MICRO_DECIMALS
 
 
 def shown_dof(dof: float) -> str:
@@ -149,14 +153,15 @@ def _input(one: Contribution) -> str:
 def monte_carlo_table(made: Budget, found: MonteCarlo) -> Table:
     """Return the comparison of a budget with Monte Carlo."""
     every = found.agreements
-    digits = [_digits(one.expected) for one in every]
+    factors = text.curve_factors().tolist()
+    digits = [_digits(factor * one.expected) for factor, one in zip(factors, every, strict=True)]
 
     def micro(key: str, head: str, values: list[float]) -> Column:
-        return Column(key, head, tuple(1e6 * value for value in values), tuple(
-            text.fixed(1e6 * value, places) for value, places in zip(values, digits, strict=True)))
+        scaled = tuple(factor * value for factor, value in zip(factors, values, strict=True))
+        return Column(key, head, scaled, tuple(map(text.fixed, scaled, digits)))
 
     return Table('budget_monte_carlo', f'Monte Carlo, {found.trials} trials, seed {found.seed} (GUM S1)', (
-        words('curve', 'curve', text.curve_names(made.fit.run.rotation)), words('unit', 'unit', text.CURVE_UNITS),
+        words('curve', 'curve', text.curve_names(made.fit.run.rotation)), words('unit', 'unit', text.curve_units()),
         micro('u_budget', 'u, budget', [one.expected for one in every]),
         micro('u_monte_carlo', 'u, Monte Carlo', [one.found for one in every]),
         micro('k_u', f'± U (k = {COVERAGE_FACTOR})', [COVERAGE_FACTOR * one.expected for one in every]),

@@ -17,11 +17,12 @@ from rosette_ros.presentation.table_format import Field, Table, fields_json, fie
 def correction_table(correction: Correction) -> Table:
     """Return what a correction takes off: range and U of each error."""
     lines = error_lines(correction.forward)
-    values = [1e6 * line.range for line in lines]
-    u = [COVERAGE_FACTOR * 1e6 * line.u_point for line in lines]
+    factors = text.curve_factors()
+    values = factors * [line.range for line in lines]
+    u = COVERAGE_FACTOR * factors * [line.u_point for line in lines]
     places = [text.decimals(one) for one in u]
     return Table('correction', 'What is corrected', (
-        words('error', 'error motion', CURVES), words('unit', 'unit', text.CURVE_UNITS),
+        words('error', 'error motion', CURVES), words('unit', 'unit', text.curve_units()),
         words('range', 'range', map(text.fixed, values, places)), words('U', 'U', map(text.fixed, u, places)),
         words('what', 'correction', [
             'not corrected' if curve not in correction.corrected else
@@ -42,13 +43,17 @@ def check_table(check: CorrectionCheck) -> Table:
 def _sized(key: str, name: str, get: str = '') -> Field:
     """Return the Field of a size in the unit of its curve, with as many decimals as U has."""
     size = attrgetter(get or key)
-    return Field(key, name, get, number=False, text=lambda one: text.fixed(
-        1e6 * size(one), text.decimals(1e6 * one.expanded)))
+    return Field(key, name, get, number=False, text=lambda one: _fixed(
+        text.scale_of(SI_UNITS[one.curve]).factor, size(one), one.expanded))
+
+
+def _fixed(factor: float, value: float, expanded: float) -> str:
+    return text.fixed(factor * value, text.decimals(factor * expanded))
 
 
 CHECKED_ERROR = (
     Field('curve', 'error motion', number=False),
-    Field('unit', 'unit', lambda one: SI_UNITS[one.curve], lambda unit: f'µ{unit}', number=False),
+    Field('unit', 'unit', lambda one: SI_UNITS[one.curve], lambda unit: text.scale_of(unit).unit, number=False),
     _sized('before', 'before'), _sized('expected', 'expected', 'promised'), _sized('after', 'after'),
     _sized('U', 'U of a single value', 'expanded'),
     Field('taken_off', 'corrected by', 'gain', lambda gain: text.percent(gain) if np.isfinite(gain) else '',

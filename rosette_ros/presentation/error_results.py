@@ -11,7 +11,6 @@ import numpy as np
 from rosette_ros.analysis import Change
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, SURE, AxisError, Conformity
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions
-from rosette_ros.io.identity_file import ARC_SECOND
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, column, words
@@ -28,14 +27,16 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
     """Return the table of AxisErrors: what is not stated of any of them has no column.
 
     found: the same with the cause found in the model, where one is missing."""
-    units = [text.CURVE_UNITS[CURVES.index(line.curve)] for line in lines]
+    scales = [text.scale_of(SI_UNITS[line.curve]) for line in lines]
 
     def shown(value: float | None, line: AxisError) -> str:
-        return '' if value is None else text.fixed(1e6 * value, text.decimals(1e6 * line.expanded))
+        factor = text.scale_of(SI_UNITS[line.curve]).factor
+        return '' if value is None else text.fixed(factor * value, text.decimals(factor * line.expanded))
 
     def micro(key: str, head: str, values: Sequence[float | None], sign: str = '',
               of: Sequence[AxisError] = lines) -> Column:
-        return Column(key, head, tuple(None if value is None else 1e6 * value for value in values),
+        return Column(key, head, tuple(None if value is None else one.factor * value
+                                       for value, one in zip(values, scales, strict=True)),
                       tuple(f'{sign}{shown(value, line)}' for value, line in zip(values, of, strict=True)))
 
     def of_range(key: str, head: str, of: Sequence[AxisError]) -> tuple[Column, ...]:
@@ -51,9 +52,9 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
     width = (' Asynchronous error motion value: the largest width of the curves of the runs at an angle, their noise '
              'included.' if several else '')
     return Table(name, title, (
-        words('error', 'error motion', [f'{line.curve} ({line.name}) / {unit}'.replace('-', '−')
-                                 for line, unit in zip(lines, units, strict=True)]),
-        column('unit', '', units),
+        words('error', 'error motion', [f'{line.curve} ({line.name}) / {one.unit}'.replace('-', '−')
+                                 for line, one in zip(lines, scales, strict=True)]),
+        column('unit', '', [one.unit for one in scales]),
         *of_range('', f'range, {NOW}' if found else 'range', lines),
         *(of_range('found_', f'range, {FOUND}', found) if found else ()),
         micro('once_per_turn_in_unit', 'fundamental error motion', [line.once_per_turn for line in lines]),
@@ -62,8 +63,9 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
            micro('U_asynchronous_in_unit', 'U of the width', [_expanded(line) for line in lines], '±')
            ) if several else ()),
         *((Column('tolerance_in_unit', 'tolerance', tuple(
-            None if line.tolerance is None else 1e6 * line.tolerance for line in lines), tuple(
-                '' if line.tolerance is None else _limit(line.tolerance, unit) for line, unit in zip(lines, units))),
+            None if line.tolerance is None else one.factor * line.tolerance for line, one in zip(lines, scales)), tuple(
+                '' if line.tolerance is None else text.exact(one.factor * line.tolerance, 3)
+                for line, one in zip(lines, scales))),
            words('conformity', 'ISO 14253-1', [
                SAID.get(line.conformity, line.conformity or '') for line in lines])) if limited else ())),
         levels=tuple(LEVELS[line.conformity] for line in lines),
@@ -84,15 +86,15 @@ def _factors(lines: Sequence[AxisError]) -> str:
 def differences(every: Mapping[str, ErrorMotions]) -> Table:
     """Return by how much curves of runs differ, by name: the largest difference at an angle, beside its U."""
     columns = [words('run', 'run', every)]
-    for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
+    for place, (curve, (factor, unit)) in enumerate(zip(CURVES, text.curve_scales(), strict=True)):
         shown, worst, spread = [], [], []
         for one in every.values():
             at = int(np.argmax(np.abs(one.values[:, place])))
-            worst.append(1e6 * float(one.values[at, place]))
-            spread.append(1e6 * COVERAGE_FACTOR * float(one.u[at, place]))
+            worst.append(factor * float(one.values[at, place]))
+            spread.append(factor * COVERAGE_FACTOR * float(one.u[at, place]))
             digits = text.decimals(spread[-1])
             shown.append(f'{text.signed(worst[-1], digits)} ±{text.fixed(spread[-1], digits)}')
-        key = f'{curve}_{unit.replace("µ", "u")}'
+        key = f'{curve}_{text.file_unit(unit)}'
         columns += [Column(key, curve, tuple(worst), tuple(shown), unit), Column(f'U_{key}', '', tuple(spread), None)]
     return Table('differences', 'Differences of the curves', tuple(columns),
                  note=f'The largest difference at an angle, with U (k = {COVERAGE_FACTOR}) of both runs at that angle. '
@@ -102,8 +104,9 @@ def differences(every: Mapping[str, ErrorMotions]) -> Table:
 def curve_changes(change: Change) -> Table:
     """Return what a change of the model does to each curve: its largest change, its uncertainties."""
     return Table('curve_changes', f'Change of the curves; U: expanded uncertainty (k = {COVERAGE_FACTOR})', (
-        words('curve', 'curve', text.curve_names(change.before.run.rotation)), words('unit', 'unit', text.CURVE_UNITS),
-        *(column(f'{key}_in_unit', name, 1e6 * np.asarray(values), partial(text.fixed, places=3))
+        words('curve', 'curve', text.curve_names(change.before.run.rotation)),
+        words('unit', 'unit', text.curve_units()),
+        *(column(f'{key}_in_unit', name, text.curve_factors() * values, partial(text.fixed, places=3))
           for key, name, values in (
               ('change', 'largest change', change.curve_change),
               ('U_before', 'U before', COVERAGE_FACTOR * change.before.error_motions.u.max(axis=0)),
@@ -140,11 +143,6 @@ def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:
         'k_range': line.factor, 'probability_of_conformity': line.within,
         'U_asynchronous': _expanded(line), 'tolerance': line.tolerance, 'conformity': line.conformity and str(
             line.conformity), 'doubt': line.doubt} for line in lines]}
-
-
-def _limit(value: float, unit: str) -> str:
-    """Return a tolerance as a number, of an angle in arc seconds, too."""
-    return text.exact(1e6 * value, 3) + (f' ({text.exact(value / ARC_SECOND, 3)}″)' if unit == 'µrad' else '')
 
 
 def _expanded(line: AxisError) -> float | None:

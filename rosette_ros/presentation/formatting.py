@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers, units and names as a person reads them: µm, µrad, mm, min, p-values, settings of effects."""
+"""Numbers, units and names as a person reads them: µm, µrad or arcsec, mm, min, p-values, settings of effects."""
 
 import math
 import re
@@ -13,6 +13,7 @@ import numpy as np
 from rosette_ros.core import axes
 from rosette_ros.core.error_summary import COVERAGE_FACTOR as COVERAGE_FACTOR
 from rosette_ros.core.number_words import UNKNOWN as UNKNOWN
+from rosette_ros.core.number_words import Scale as Scale
 from rosette_ros.core.number_words import micrometres as micrometres
 from rosette_ros.core.number_words import multiple as multiple
 from rosette_ros.core.number_words import p_value as p_value
@@ -23,7 +24,6 @@ from rosette_ros.core.scheme import cmm_position
 from rosette_ros.words.effect_words import MEANINGS as MEANINGS
 from rosette_ros.words.effect_words import MICRO_DECIMALS as MICRO_DECIMALS
 from rosette_ros.words.effect_words import SCALES as SCALES
-from rosette_ros.words.effect_words import Scale as Scale
 from rosette_ros.words.effect_words import decimals as decimals
 from rosette_ros.words.effect_words import exact as exact
 from rosette_ros.words.effect_words import fixed as fixed
@@ -39,7 +39,6 @@ if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.core.model.model import Model
 
-CURVE_UNITS = tuple(f'µ{unit}' for unit in SI_UNITS.values())
 P_VALUE, CROSS_VALIDATION, SENSITIVITY, LIMIT = (
     'p-value', 'cross-validation residual', 'sensitivity', 'detection limit')
 """Terms that every interface uses in the same words."""
@@ -56,6 +55,32 @@ SEQUENCES = {
     'there_and_back': 'table positions within CMM position, then backwards',
     'row_there_and_back': 'balls within table position, then backwards', 'as measured': 'of its own'}
 """What an order is, as a document says it."""
+
+
+def curve_scales() -> tuple[Scale, ...]:
+    """Return how the six curves are shown: in µm, and in the unit of small angles."""
+    return tuple(map(scale_of, SI_UNITS.values()))
+
+
+def curve_factors() -> Floats:
+    """Return the factors of `curve_scales` (6,)."""
+    return np.array([one.factor for one in curve_scales()])
+
+
+def curve_units() -> tuple[str, ...]:
+    """Return the units of `curve_scales`."""
+    return tuple(one.unit for one in curve_scales())
+
+
+def file_unit(unit: str) -> str:
+    """Return how a unit ends a key: um, urad, arcsec."""
+    return unit.replace('µ', 'u')
+
+
+def sized(value: float, si: str = 'rad', places: int = 2) -> str:
+    """Return a small angle or length, SI, with its unit, as exact as with so many decimals of a µrad or µm."""
+    factor, unit = scale_of(si)
+    return f'{fixed(factor * value, places + (factor < 1e6))} {unit}'
 
 
 def sequence_words(order: str) -> str:
@@ -118,7 +143,7 @@ def signed(value: float, places: int) -> str:
 
 
 def micro(value: float, places: int = MICRO_DECIMALS) -> str:
-    """Return metres as µm or radians as µrad, without the unit."""
+    """Return metres as µm, without the unit."""
     return fixed(1e6 * value, places)
 
 
@@ -246,7 +271,7 @@ def not_known(run: Run, gauge: Sequence[str]) -> list[str]:
 def clamping_words(shift: Floats, turn: Floats) -> str:
     """Return how a plate lies on the table: shift (3,), m, and rotation (3,), rad."""
     return (f'eccentricity {fixed(1e6 * float(np.hypot(*shift[:2])), 2)} µm, height {fixed(1e6 * shift[2], 2)} µm, '
-            f'tilt {fixed(1e6 * float(np.hypot(*turn[:2])), 1)} µrad, turn {fixed(1e6 * turn[2], 1)} µrad')
+            f'tilt {sized(float(np.hypot(*turn[:2])), places=1)}, turn {sized(turn[2], places=1)}')
 
 
 def model_words(model: 'Model') -> str:
@@ -259,8 +284,9 @@ def model_words(model: 'Model') -> str:
 
 def angle_words(run: Run) -> str:
     """Return how far the table angles are off their nominal values."""
-    off = 1e6 * float(np.abs(run.angle_deviation).max())
-    return f'at most {significant(off)} µrad off nominal' if off else 'nominal'
+    factor, unit = scale_of('rad')
+    off = factor * float(np.abs(run.angle_deviation).max())
+    return f'at most {significant(off)} {unit} off nominal' if off else 'nominal'
 
 
 def pauses(run: Run) -> str:

@@ -15,7 +15,6 @@ from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import ITEMS, PARTS
 from rosette_ros.core.number_words import p_words
 from rosette_ros.core.records import CURVES, ErrorMotions
-from rosette_ros.io.identity_file import ARC_SECOND
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import environment_words, stated_json
 from rosette_ros.presentation.error_results import TITLE, errors, errors_json
@@ -81,16 +80,15 @@ def joint_errors(result: JointResult, tolerances: Mapping[str, float] | None = N
 
 def positioning(one: Reversal) -> Table:
     """Return the values of angular positioning of a table (ISO 230-2), and what the runs do not determine."""
-    values = one.positioning
+    values, (factor, unit) = one.positioning, text.scale_of('rad')
     known = {name: value for name, value in values.items() if value is not None}
     lacks = [f'{names(NOT_POSITIONED)} need the mean of the reversal, which these runs do not tell'] * (
         not {*NOT_POSITIONED} <= known.keys())
     lacks.append('R and A need five approaches to each angle in each sense, these runs have one')
     return Table('positioning', f'Angular positioning of {one.table} (ISO 230-2)', (
         words('value', 'value', [f'{name} {POSITIONED[name]}' for name in known]),
-        column('value_urad', 'crz', [1e6 * value for value in known.values()], partial(text.fixed, places=2), 'µrad'),
-        column('value_arcsec', '', [value / ARC_SECOND for value in known.values()], partial(text.fixed, places=3),
-               '″')), note=f'Not determined: {"; ".join(lacks)}.')
+        column(f'value_{text.file_unit(unit)}', 'crz', [factor * value for value in known.values()],
+               partial(text.fixed, places=2 + (factor < 1e6)), unit)), note=f'Not determined: {"; ".join(lacks)}.')
 
 
 def reversal_means(result: JointResult) -> list[Table]:
@@ -137,10 +135,10 @@ def _titled(motions: ErrorMotions, title: str, name: str) -> Table:
 def _means(one: Reversal) -> list[tuple[str, str]]:
     """Return each mean and its U as texts."""
     out = []
-    for unit, mean, u, known in zip(text.CURVE_UNITS, one.mean, one.u_mean, one.is_known, strict=True):
-        spread = 1e6 * text.COVERAGE_FACTOR * float(u)
+    for (factor, unit), mean, u, known in zip(text.curve_scales(), one.mean, one.u_mean, one.is_known, strict=True):
+        spread = factor * text.COVERAGE_FACTOR * float(u)
         places = text.decimals(spread)
-        out.append((text.signed(1e6 * float(mean), places), f'{text.fixed(spread, places)} {unit}') if known else
+        out.append((text.signed(factor * float(mean), places), f'{text.fixed(spread, places)} {unit}') if known else
                    ('not known', ''))
     return out
 

@@ -76,11 +76,11 @@ def sequence_map(scheme: Scheme) -> Table:
 
 def uncertainties(plan: Outlook) -> Table:
     """Return the table of the uncertainties that a plan is expected to give the curves."""
-    u = 1e6 * text.COVERAGE_FACTOR * mean_u(plan)
+    u = text.curve_factors() * text.COVERAGE_FACTOR * mean_u(plan)
     title = f'Expected expanded uncertainty (k = 2) where σ is {1e6 * plan.sigma:g} µm from 20 touches{_within(plan)}'
     return Table('expected', title, (
         column('curve', 'curve', CURVES, str), column('U', 'U', u, lambda value: f'{value:.3g}'),
-        column('unit', '', ['µm'] * 3 + ['µrad'] * 3, str)))
+        column('unit', '', text.curve_units(), str)))
 
 
 def mean_u(plan: Outlook) -> Any:
@@ -113,9 +113,10 @@ def comparison(plans: Sequence[Outlook]) -> Table:
         column('rank', 'rank', [one.rank for one in every], str),
         column('relative_uncertainty', 'relative u', [one.penalty for one in plans], lambda value: f'{value:.2f}'),
         column('ideal_relative_uncertainty', '', [one.ideal for one in every]),
-        *(column(f'U_{curve}_{unit}', f'U {curve}', [2e6 * mean_u(one)[place] for one in plans],
-                 None if curve in ('cty', 'cry') else lambda value: f'{value:.2g}', {'um': 'µm', 'urad': 'µrad'}[unit])
-          for place, (curve, unit) in enumerate(zip(CURVES, ['um'] * 3 + ['urad'] * 3))),
+        *(column(f'U_{curve}_{text.file_unit(unit)}', f'U {curve}', [
+            text.COVERAGE_FACTOR * factor * mean_u(one)[place] for one in plans],
+                 None if curve in ('cty', 'cry') else lambda value: f'{value:.2g}', unit)
+          for place, (curve, (factor, unit)) in enumerate(zip(CURVES, text.curve_scales()))),
         *([column('effects_shown', 'effects shown', [len(one.shown) for one in plans], str)] if known else [])))
 
 

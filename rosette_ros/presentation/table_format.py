@@ -95,7 +95,7 @@ class Table:
 
 STANDARD = 1
 """Coverage factor k of every `u`: standard uncertainties."""
-UNITS = {'µm': (1e6, 'm', 'um'), 'µrad': (1e6, 'rad', 'urad'), 'mm': (1e3, 'm', 'mm'), 'h': (1 / 3600, 's', 'h')}
+UNITS = {'µm': (1e6, 'm', 'um'), 'mm': (1e3, 'm', 'mm'), 'h': (1 / 3600, 's', 'h')}
 """Unit that people see: factor to it, and how the SI unit and itself end a key."""
 
 

@@ -43,7 +43,6 @@ from rosette_ros.presentation.table_format import (
 )
 from rosette_ros.words.verdict_words import title_of
 
-FILE_UNITS = tuple(unit.replace('µ', 'u') for unit in text.CURVE_UNITS)
 EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
 ABSORBED = ('Sensitivity: share of an effect that is not absorbed by table, plate and CMM deviations, but shows in the '
             'residual.')
@@ -79,7 +78,8 @@ def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -
 
 def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Table:
     """Return the six curves; for people with U, below the curve where it is the same at all angles; which: model."""
-    values, u = 1e6 * motions.values, 1e6 * motions.u
+    factors, units = text.curve_factors(), text.curve_units()
+    values, u = factors * motions.values, factors * motions.u
     expanded = text.COVERAGE_FACTOR * u
     alike, spans = _alike(u), peak_to_valley(values)
     columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
@@ -87,15 +87,15 @@ def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Tabl
                       partial(text.exact, places=4), '°',
                       footer=(*[f'U (k = {text.COVERAGE_FACTOR}) of each point'] * alike, 'range'))]
     names = text.curve_names(motions.rotation)
-    for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
+    for place, (curve, unit) in enumerate(zip(CURVES, units, strict=True)):
         digits = text.decimals(float(np.median(expanded[:, place])))
         shown = _with_u(values[:, place], expanded[:, place], digits, alike)
         span, largest = float(spans[place]), float(expanded[:, place].max())
         footer = *[f'±{text.fixed(largest, digits)}'] * alike, text.fixed(span, digits)
-        columns.append(Column(f'{curve}_{FILE_UNITS[place]}', names[place], tuple(values[:, place].tolist()),
+        columns.append(Column(f'{curve}_{text.file_unit(unit)}', names[place], tuple(values[:, place].tolist()),
                               shown, unit, footer=footer))
-    columns += [column(f'u_{curve}_{unit}', '', u[:, place])
-                for place, (curve, unit) in enumerate(zip(CURVES, FILE_UNITS, strict=True))]
+    columns += [column(f'u_{curve}_{text.file_unit(unit)}', '', u[:, place])
+                for place, (curve, unit) in enumerate(zip(CURVES, units, strict=True))]
     note = text.axis_note(motions.rotation)
     return Table(name, f'Six error motions of the table{f", {which}" * bool(which)}; {EXPANDED}', tuple(columns),
                  note=f'{note[:1].upper()}{note[1:]}.' if note else '')
@@ -221,14 +221,17 @@ def worst_readings(comparison: Comparison) -> Table:
           for place, axis in enumerate(AXES)),
         column('size_sigma', 'residual / rms', [one.size for one in worst], partial(text.fixed, places=1)),
         column('weight', 'weight', [one.weight for one in worst], partial(text.fixed, places=2)),
-        *(column(f'without_{key}', name, [
-            np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
-                text.fixed, places=2), unit) for key, name, unit, part in (
-            ('ct_um', 'change of ct', 'µm', slice(0, 3)),
-            ('cr_urad', 'change of cr', 'µrad', slice(3, 6)))),
+        *(column(f'without_{what}_{text.file_unit(unit)}', f'change of {what}', [
+            np.nan if one.without is None else factor * max(one.without[part]) for one in worst], partial(
+                text.fixed, places=2), unit) for what, part, (factor, unit) in _parts()),
         column('p', text.P_VALUE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst),
         note='p-value: outlier test, Bonferroni; change: the largest of ctx, cty, ctz and of crx, cry, crz when the '
              'reading is omitted.')
+
+
+def _parts() -> tuple[tuple[str, slice, text.Scale], ...]:
+    """Return translations and rotations: name, which of the six curves, how they are shown."""
+    return ('ct', slice(3), text.scale_of('m')), ('cr', slice(3, 6), text.scale_of('rad'))
 
 
 def reading(fit: Fit, place: int) -> Table:
@@ -421,8 +424,9 @@ def bias(visibilities: Sequence[Visibility], rotation: Floats | None = None) -> 
     every = [one for one in visibilities if not one.reason]
     return Table('bias', 'How much 1 µm (rms) of a hidden effect would change each curve', (
         words('effect', 'effect', [one.name for one in every]),
-        *(column(f'{curve}_{FILE_UNITS[place]}_per_um', names[place], [one.bias[place] for one in every],
-                 partial(text.fixed, places=2), text.CURVE_UNITS[place]) for place, curve in enumerate(CURVES)),
+        *(column(f'{curve}_{text.file_unit(unit)}_per_um', names[place], [
+            1e-6 * factor * one.bias[place] for one in every], partial(text.fixed, places=2), unit)
+          for place, (curve, (factor, unit)) in enumerate(zip(CURVES, text.curve_scales()))),
         words('remark', 'remark', ['negligible' if one.bias.max() <= NEGLIGIBLE else '' for one in every])))
 
 
@@ -435,9 +439,10 @@ def orders(advice: Advice) -> Table:
         words('order', 'order', [one.label for one in every]), words('mark', '', marks),
         words('worst_effect', 'lowest sensitivity to', [one.worst_effect for one in every]),
         column('worst_share', text.SENSITIVITY, [one.worst for one in every], text.percent),
-        *(column(key, f'U {name}', [2e6 * float(np.linalg.norm(one.u[at])) for one in every if one.u is not None],
-                 lambda value: f'{value:.2g}', unit) for key, name, at, unit in (
-            ('U_ct_um', 'ct', slice(3), 'µm'), ('U_cr_urad', 'cr', slice(3, 6), 'µrad')) if advice.present.environment),
+        *(column(f'U_{what}', f'U {what}', [text.COVERAGE_FACTOR * factor * float(np.linalg.norm(one.u[at]))
+                                            for one in every if one.u is not None],
+                 lambda value: f'{value:.2g}', unit) for what, at, (factor, unit) in _parts()
+          if advice.present.environment),
         column('travel_time_s', 'time of moves', [one.travel_time for one in every], text.duration),
         column('duration_s', 'whole run', [one.duration for one in every], text.duration),
         *(column(f'visible_fraction_{name}', name, [one.share(name) for one in every], text.percent)

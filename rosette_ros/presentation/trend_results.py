@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.records import SI_UNITS
 from rosette_ros.core.trend import LEAST_LINE, Event, Forecast, Shift
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.table_format import Table, words
@@ -68,9 +68,9 @@ def size_words(step: Shift) -> str:
 
 def slope_words(one: Forecast, curve: str) -> str:
     """Return the slope of a curve with its U, per year."""
-    year = 1e6 * YEAR
-    return (f'{year * one.slope:+.3f} ± {COVERAGE_FACTOR * year * one.slope_u:.3f} '
-            f'{text.CURVE_UNITS[CURVES.index(curve)]}')
+    factor, unit = text.scale_of(SI_UNITS[curve])
+    year = factor * YEAR
+    return f'{year * one.slope:+.3f} ± {COVERAGE_FACTOR * year * one.slope_u:.3f} {unit}'
 
 
 def forecast_table(forecasts: Mapping[str, Forecast], tolerances: Mapping[str, float],

@@ -19,7 +19,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
 from rosette_ros.core.scheme import cmm_position, nominal_places
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, SCALES, iso_name, signed
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, SCALES, curve_scales, curve_units, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
 from rosette_ros.presentation.tables import noise_of
@@ -72,7 +72,7 @@ def curves_figure(every: Sequence[Curves], angle: float | None = None) -> Plotly
     if not every:
         return figure_of([], {**layout_of(), 'xaxis': {'visible': False}, 'yaxis': {'visible': False}})
     data, layout = [], _panels(2, 3, gap=(0.2, 0.3), legend=True)
-    for place, (curve, unit) in enumerate(zip(CURVES, CURVE_UNITS, strict=True), 1):
+    for place, (curve, unit) in enumerate(zip(CURVES, curve_units(), strict=True), 1):
         for one in every:
             data += _curve(one, curve, unit, place)
         x = {'range': [-8, 368], 'tickvals': [0, 90, 180, 270, 360],
@@ -90,9 +90,9 @@ def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, to
     changes: before and after which run, and in which curves, something has changed; fainter in the other panels."""
     when = [f'{date:%Y-%m-%d %H:%M}' for date in dates]
     data, layout = [], _panels(2, 3, gap=(0.2, 0.34))
-    for place, (curve, unit) in enumerate(zip(CURVES, CURVE_UNITS, strict=True), 1):
-        data.append({'type': 'scatter', 'mode': 'lines+markers', 'x': when, 'y': packed(1e6 * values[:, place - 1]),
-                     'error_y': {'type': 'data', 'array': packed(1e6 * expanded[:, place - 1]), 'thickness': 0.8,
+    for place, (curve, (factor, unit)) in enumerate(zip(CURVES, curve_scales(), strict=True), 1):
+        data.append({'type': 'scatter', 'mode': 'lines+markers', 'x': when, 'y': packed(factor * values[:, place - 1]),
+                     'error_y': {'type': 'data', 'array': packed(factor * expanded[:, place - 1]), 'thickness': 0.8,
                                  'width': 0}, 'line': {'color': AFTER, 'width': 1}, 'marker': {'size': 5},
                      'name': curve, 'showlegend': False, **_axes(place),
                      'hovertemplate': f'%{{x}}<br>%{{y:.3f}} {unit}<extra>{curve}</extra>'})
@@ -104,7 +104,7 @@ def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, to
                 'type': 'rect', 'xref': x, 'yref': f'{y} domain', 'x0': when[begin], 'x1': when[end], 'y0': 0, 'y1': 1,
                 'line': {'width': 0}, 'fillcolor': BEFORE, 'opacity': 0.45 if curve in curves else 0.12})
         if curve in tolerances:
-            limit = 1e6 * tolerances[curve]
+            limit = factor * tolerances[curve]
             layout['shapes'].append({
                 'type': 'line', 'xref': f'{x} domain', 'yref': y, 'x0': 0, 'x1': 1, 'y0': limit, 'y1': limit,
                 'line': {'color': BEFORE, 'width': 1.5, 'dash': 'dash'}})
@@ -113,8 +113,8 @@ def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, to
 
 def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]:
     """Return the band and the line of one curve, closed to a whole turn."""
-    angle, value = closed(one.motions.angle, one.motions[curve])
-    spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
+    angle, value = closed(one.motions.angle, one.motions[curve], curve)
+    spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve), curve)[1]
     common = {'type': 'scatter', 'legendgroup': one.name, **_axes(place)}
     band = {**common, **band_trace(angle, value, spread, one.colour)}
     line = {**common, 'x': packed(angle), 'y': packed(value), 'name': one.name, 'customdata': packed(spread),

@@ -16,6 +16,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from rosette_ros.core.errors import RosetteError, one_line
+from rosette_ros.core.number_words import angle_unit, show_angles
 
 T = TypeVar('T')
 VALUE, ERROR = 'value', 'error'
@@ -68,7 +69,7 @@ class Worker:
         loop = asyncio.get_running_loop()
         receiver, sender = _CONTEXT.Pipe(duplex=False)
         process = _CONTEXT.Process(target=_work, daemon=True, args=(
-            sender, function, arguments, options, tuple(called), memory))
+            sender, function, arguments, options, tuple(called), memory, angle_unit()))
         self._process = process
 
         def receive() -> tuple[str, Any]:
@@ -111,8 +112,9 @@ class Worker:
 
 
 def _work(sender: Connection, function: Callable[..., object], arguments: tuple[object, ...],
-          options: Mapping[str, object], calls: Collection[str], memory: int | None) -> None:
+          options: Mapping[str, object], calls: Collection[str], memory: int | None, unit: str) -> None:
     """Work in the other process; send what it calls, then the value or the error."""
+    show_angles(unit)
     if memory is not None:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     try:

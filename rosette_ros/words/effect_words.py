@@ -3,34 +3,15 @@
 
 import math
 from collections.abc import Container, Iterable, Mapping
-from typing import NamedTuple
 
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
-from rosette_ros.core.number_words import UNKNOWN
+from rosette_ros.core.number_words import SCALES as SCALES
+from rosette_ros.core.number_words import UNKNOWN, Scale
 from rosette_ros.core.records import in_time
 
 MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}
 """Every name that a diagnosis can give, with what it means."""
 MICRO_DECIMALS = 3
-
-
-class Scale(NamedTuple):
-    """How an SI value is shown: times `factor`, in `unit`."""
-
-    factor: float
-    unit: str
-
-
-SCALES = {'1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'), 'm': Scale(1e6, 'µm'), 'rad': Scale(1e6, 'µrad'),
-          'm/s': Scale(3.6e9, 'µm/h'), 'm/s^2': Scale(1.296e13, 'µm/h²'),
-          'rad/s': Scale(3.6e9, 'µrad/h'), '1/s': Scale(3.6e9, 'ppm/h'),
-          'm/m': Scale(1e6, 'ppm'), 'm/K': Scale(1e6, 'µm/K'),
-          'rad/K': Scale(1e6, 'µrad/K'), '1/K': Scale(1e6, 'ppm/K'),
-          'reading': Scale(1.0, 'readings'), 'm/reading': Scale(1e6, 'µm/reading'),
-          'm/reading^2': Scale(1e6, 'µm/reading²'), 'rad/reading': Scale(1e6, 'µrad/reading'),
-          '1/reading': Scale(1e6, 'ppm/reading')}
-"""SI unit: how it is shown; a unit that is not here is shown as it is."""
-
 OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn'), 'height': Scale(1e3, 'mm'),
                 'theta0': Scale(180 / math.pi, '°')}
 """Parameters that are no small deviations and have a scale of their own, by name."""

@@ -121,7 +121,23 @@ def test_each_sense_has_its_values_or_the_reversal_goes_elsewhere():
                          ' '.join(OF_A_TURN[target](BOTH, 5.0, Axis('C1'))[1]))
 
 
+@pytest.mark.parametrize('sign', [1, -1])
+@pytest.mark.parametrize('target', ['heidenhain', 'fanuc'])
+def test_how_to_try_the_sign_is_said_and_the_values_can_be_inverted(target, sign):
+    """Where the table turns too far, and by how much; inverted, all values have the other sign and nothing else."""
+    one = Correction(*[motions(0)] * 2, ('crz',))
+    (text, told), (other, _) = (OF_A_TURN[target](one, 5.0, Axis('C', sign, count=count)) for count in (1, -1))
+    plain, inverted = (READERS[target](some, ' '.join(told)) if target == 'fanuc' else of_heidenhain(
+        some.replace('C.COM', 'C1.COM').replace('BACKLASH      C', 'BACKLASH      C1'), '') for some in (text, other))
+    at = np.arange(0.0, 360.0, 5.0)
+    assert np.allclose(plain(at, 1), -inverted(at, 1), atol=1e-12) and np.ptp(plain(at, 1)) > 0.01
+    said = re.search(r'Try the sign first, .* from C = 0 to (\d+) deg the table turns 20.63 arcsec too (\w+); ', told[-1])
+    assert (plain(float(said[1]), 1) < 0) == (said[2] == 'far')  # the controller moves it back
+    assert told[-1].endswith('Where it is twice as much, write the file again with --invert.')
+
+
 @pytest.mark.parametrize(('words', 'error'), [
+    (['--for', 'sinumerik-cec', '--invert'], 'correct: --invert goes with --for heidenhain, fanuc only; leave it out'),
     (['--for', 'sinumerik-enc', '--step', '1'], 'wanted at most 200 points, which a table of SINUMERIK holds, got 361'),
     (['--for', 'fanuc', '--step', '2'], 'wanted at most 128 points, which a table of FANUC holds, got 181; take a '),
     (['--for', 'heidenhain', '--step', '7'], 'wanted a --step that divides a turn, got 7 deg'),

@@ -15,8 +15,7 @@ from written_logs import HELLO, TEXT, Wall, again, files_of, serialised
 from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata, log_writer
-from rosette_ros.io.bag_metadata import runs_in
-from rosette_ros.io.log_reader import iter_log, read_log
+from rosette_ros.io.log_reader import iter_log, read_log, runs_in
 from rosette_ros.io.log_writer import LogWriter
 
 PARTS = 11
@@ -67,6 +66,21 @@ def test_without_metadata_and_with_other_names_the_files_are_one_by_their_run(pa
     assert found.to_run().centre.tobytes() == read_log(whole).to_run().centre.tobytes()
 
 
+@pytest.mark.parametrize('name', [None, 'log_{}', '{}_run_2026', 'run_2026_11_28-04_{:02}_22'])
+def test_the_parts_of_a_run_are_listed_as_one(parts, name):
+    """By `rosette runs` and for an archive, described (None), numbered, or by their run; a table beside is another."""
+    _, whole, log = parts
+    if name:
+        (log / 'metadata.yaml').unlink()
+        for number in range(PARTS):
+            (log / f'log_{number}.mcap').rename(log / f'{name.format(number)}.mcap')
+    (table := log / 'beside.csv').touch()
+    assert {*runs_in(log)} == {log, table}
+    assert {*runs_in(log.parent)} == {log, whole}
+    found = {one.path: len(one.files) for one in find_logs([str(log)])}
+    assert found == {str(log): PARTS, str(table): 1}
+
+
 def test_files_of_several_runs_and_copies_of_one_are_not_one_log(make_cell, tmp_path):
     """Which of them is meant is asked."""
     folder = tmp_path / 'folder'
@@ -77,6 +91,7 @@ def test_files_of_several_runs_and_copies_of_one_are_not_one_log(make_cell, tmp_
         (folder / name).write_bytes((first if name == 'a.mcap' else other).read_bytes())
         with pytest.raises(InvalidData, match='folder: wanted a run, got a folder of 2: '):
             read_log(folder)
+        assert len(runs_in(folder)) == len(find_logs([str(folder)])) == 2
         (folder / name).unlink()
 
 

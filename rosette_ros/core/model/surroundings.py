@@ -130,7 +130,7 @@ def at_ball(environment: Environment, run: Run) -> dict[str, float]:
             out[name] = environment.effects[name].value
         elif kind in environment.sizes:
             several = sum(own == kind and other not in environment.effects for other, own in able.items())
-            lever = run.radius if KINDS[kind].unit == 'urad' else 1.0
+            lever = run.radius if KINDS[kind].si == 'rad' else 1.0
             out[name] = lever * environment.sizes[kind].value / several**0.5
     return {name: size for name, size in out.items() if size > 0}
 

@@ -28,7 +28,8 @@ def budget_bars(made: Budget, found: MonteCarlo | None = None) -> Figure:
     lines = made.contributions
     names = [*(style.label_of(one.name[:LABEL_LENGTH]) for one in lines), 'combined']
     kinds = [*('bound' if one.is_bound else one.kind for one in lines), 'combined']
-    values = 1e6 * np.vstack([*(one.mean for one in lines), made.mean])
+    factors, units = text.curve_factors(), text.curve_units()
+    values = factors * np.vstack([*(one.mean for one in lines), made.mean])
     rows, height = len(names), 2 * (0.155 * len(names) + 0.52)
     figure, panels = style.figure(height, 2, 3)
     curves = text.curve_names(made.fit.run.rotation)
@@ -40,12 +41,12 @@ def budget_bars(made: Budget, found: MonteCarlo | None = None) -> Figure:
                 digits, gap = text.decimals(float(values[row, place])), 0.05 if found and kind == 'combined' else 0.02
                 panel.text(values[row, place] + gap * top, row, text.fixed(values[row, place], digits), va='center')
         if found:
-            panel.plot([1e6 * found.agreements[place].found], [rows - 1], marker='D', markersize=4.5,
+            panel.plot([factors[place] * found.agreements[place].found], [rows - 1], marker='D', markersize=4.5,
                        markerfacecolor='white', markeredgecolor=style.BEFORE, linestyle='none', zorder=6)
         panel.set_xlim(0, 1.4 * top)
         panel.set_ylim(rows - 0.4, -0.6)
         style.scale(panel, None, {row: names[row] for row in range(rows)}, 'x', 'xy' if place % 3 == 0 else 'x', (3, 3))
-        panel.set_title(f'{curves[place]} / {text.CURVE_UNITS[place]}')
+        panel.set_title(f'{curves[place]} / {units[place]}')
         panel.axhline(rows - 1.5, color=style.GREY, linewidth=0.7)
     shown = [kind for kind in LOOKS if kind in kinds]
     handles: list[object] = [Patch(**LOOKS[kind]) for kind in shown]

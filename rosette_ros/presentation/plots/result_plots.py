@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from rosette_ros.core.error_summary import AxisError, error_lines, once_per_turn
 from rosette_ros.core.geometry import clamping, nominal_angles
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, clamping_words, fixed, iso_name
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, clamping_words, curve_scales, fixed, iso_name
 from rosette_ros.presentation.plots import plot_style as style
 
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
@@ -57,7 +57,7 @@ class Extra:
 
 def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None = None,
                extras: Sequence[Extra] = ()) -> Figure:
-    """Return a figure of six panels, µm and µrad over degrees, with bands of U (k = 2).
+    """Return a figure of six panels, µm and the unit of angles over degrees, with bands of U (k = 2).
 
     series: the first on top; truth: (n, 6), m and rad, at the angles of the first; extras: lines of single panels.
     """
@@ -70,7 +70,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
         are_all_drawn &= drawn == [one.banded for one in series]
         lines = [_draw(panel, one, curve, place, drawn[place]) for place, one in enumerate(series)]
         if truth is not None:
-            lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)]), **TRUE_LOOK)
+            lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)], curve), **TRUE_LOOK)
         known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
     if panel.collections:
         words = '' if are_all_drawn else '; much wider ones are not drawn'
@@ -86,7 +86,7 @@ def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Fi
         panel.set_xlim(-8, 368)
         panel.set_title(f'{curve} ({iso_name(curve, rotation)}), {MEANING[curve]}')
         if panel in grid[:, 0]:
-            panel.set_ylabel(CURVE_UNITS[CURVES.index(curve)], labelpad=2)
+            panel.set_ylabel(curve_scales()[CURVES.index(curve)].unit, labelpad=2)
         style.scale(panel, ANGLES, numbers='xy' if panel in grid[-1] else 'y')
     for panel in grid[-1]:
         panel.set_xlabel('table angle in degrees')
@@ -97,9 +97,9 @@ def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Fi
 
 def _draw(panel: Axes, one: Series, curve: str, place: int, is_banded: bool) -> Any:
     look = style.look_of(place)
-    angle, value = closed(one.motions.angle, one.motions[curve])
+    angle, value = closed(one.motions.angle, one.motions[curve], curve)
     if is_banded:
-        spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
+        spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve), curve)[1]
         panel.fill_between(angle, value - spread, value + spread, color=look['color'], alpha=0.2, linewidth=0)
     return panel.plot(angle, value, linewidth=1.3, markersize=3.5, zorder=4 - 0.1 * place, **look)[0]
 
@@ -111,19 +111,19 @@ def _are_drawn(series: Sequence[Series], curve: str) -> list[bool]:
 
 
 def _draw_extras(panel: Axes, angle: Floats, extras: Sequence[Extra]) -> dict[str, Any]:
-    return {style.label_of(one.label): panel.plot(*closed(angle, one.value), **{**TRUE_LOOK, **look})[0]
+    return {style.label_of(one.label): panel.plot(*closed(angle, one.value, one.curve), **{**TRUE_LOOK, **look})[0]
             for one, look in zip(extras, EXTRA_LOOKS, strict=False)}
 
 
-def closed(angle: Floats, value: Floats) -> tuple[Floats, Floats]:
-    """Return angle in degrees and value in µm or µrad, the first point again a turn later."""
+def closed(angle: Floats, value: Floats, curve: str) -> tuple[Floats, Floats]:
+    """Return angle in degrees and value in the unit of its curve, the first point again a turn later."""
     degrees = np.rad2deg(angle)
-    return np.append(degrees, degrees[0] + 360), 1e6 * np.append(value, value[0])
+    return np.append(degrees, degrees[0] + 360), curve_scales()[CURVES.index(curve)].factor * np.append(value, value[0])
 
 
 def differences(labels: Sequence[str], angle: Floats, values: Floats, spread: Floats,
                 reference: Floats | None = None, rotation: Floats | None = None) -> Figure:
-    """Return a figure of six panels: curves of several runs less their mean, µm and µrad.
+    """Return a figure of six panels: curves of several runs less their mean.
 
     angle: (n,) rad; values: (m, n, 6), m and rad, NaN where a run is left out; spread: (6,) standard deviation that
     noise explains, a band of two; reference: (6,), dashed; rotation: as of Run.
@@ -131,11 +131,13 @@ def differences(labels: Sequence[str], angle: Floats, values: Floats, spread: Fl
     made, grid = _empty_panels(rotation=rotation)
     for panel, curve in zip(grid, CURVES, strict=True):
         which = CURVES.index(curve)
-        panel.axhspan(-2e6 * spread[which], 2e6 * spread[which], color='#999999', alpha=0.18, linewidth=0)
+        factor = curve_scales()[which].factor
+        panel.axhspan(-2 * factor * spread[which], 2 * factor * spread[which], color='#999999', alpha=0.18, linewidth=0)
         if reference is not None:
-            for size in (-1e6 * reference[which], 1e6 * reference[which]):
+            for size in (-factor * reference[which], factor * reference[which]):
                 panel.axhline(size, color='#444444', linewidth=1, linestyle=style.DASHED)
-        lines = [panel.plot(*closed(angle, one[:, which]), linewidth=1.2, markersize=3.2, **style.look_of(place))[0]
+        lines = [panel.plot(*closed(angle, one[:, which], curve), linewidth=1.2, markersize=3.2,
+                            **style.look_of(place))[0]
                  for place, one in enumerate(values)]
     style.legend(made, lines, [style.label_of(label) for label in labels])
     return made
@@ -205,22 +207,24 @@ def _axes_cross(panel: Axes, radius: float) -> None:
 
 
 def polar_motions(motions: ErrorMotions) -> Figure:
-    """Return a figure of four polar plots, µm and µrad.
+    """Return a figure of four polar plots.
 
     The reference circle is the least-squares one: its offset from the centre is the once-per-turn part of the error,
     the distance of the curve from it the rest."""
     made, [panels] = style.figure(2.7, 1, 4, subplot_kw={'projection': 'polar'})
     for panel, curve in zip(panels, POLAR, strict=True):
         [line] = [one for one in error_lines(motions) if one.curve == curve]
-        _polar_panel(panel, 1e6 * motions[curve], COVERAGE_FACTOR * 1e6 * motions.uncertainty(curve), motions.angle,
-                     CURVE_UNITS[CURVES.index(curve)], line)
+        _polar_panel(panel, motions, curve, line)
         panel.set_title(f'{curve} ({iso_name(curve, motions.rotation)}), {MEANING[curve]}', loc='center')
     style.legend_of(made, panels[:1])
     return made
 
 
-def _polar_panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: str, line: AxisError) -> None:
+def _polar_panel(panel: Axes, motions: ErrorMotions, curve: str, line: AxisError) -> None:
     """Draw one curve (n,) with its U: from the circle of no deviation outwards."""
+    factor, unit = curve_scales()[CURVES.index(curve)]
+    values, expanded, angle = (factor * motions[curve], COVERAGE_FACTOR * factor * motions.uncertainty(curve),
+                               motions.angle)
     top = float(np.max(np.abs(values) + expanded)) or 1.0
     base = top / LARGEST
     theta = np.append(angle, angle[0] + 2 * np.pi)
@@ -238,5 +242,5 @@ def _polar_panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, u
     panel.set(rorigin=0, rmin=0, rmax=1.62 * base)
     panel.spines['polar'].set_visible(False)
     panel.tick_params(pad=2, labelcolor=style.GREY)
-    panel.set_xlabel(f'outer ring: {length:g} {unit}\nrange {fixed(1e6 * line.range, 2)} {unit}\n'
-                     f'residual {fixed(1e6 * line.residual, 2)} {unit}', fontsize=style.SMALL)
+    panel.set_xlabel(f'outer ring: {length:g} {unit}\nrange {fixed(factor * line.range, 2)} {unit}\n'
+                     f'residual {fixed(factor * line.residual, 2)} {unit}', fontsize=style.SMALL)

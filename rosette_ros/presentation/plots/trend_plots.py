@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.trend import Event, Forecast
-from rosette_ros.presentation.formatting import CURVE_UNITS
+from rosette_ros.presentation.formatting import curve_scales
 from rosette_ros.presentation.plots import plot_style as style
 
 Dates = Sequence[datetime.datetime]
@@ -27,27 +27,28 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
     when = date2num(list(dates))
     for place, curve in enumerate(CURVES):
         panel = panels[place % 3, place // 3]
-        y, spread = 1e6 * values[:, place], 1e6 * expanded[:, place]
+        factor, unit = curve_scales()[place]
+        y, spread = factor * values[:, place], factor * expanded[:, place]
         panel.fill_between(when, y - spread, y + spread, color=style.AFTER, alpha=0.2, linewidth=0,
                            label=f'± U (k = {COVERAGE_FACTOR})')
         panel.plot(when, y, color=style.AFTER, linewidth=1.0, marker='o', markersize=2.5, label='error of a run')
         top = float(np.max(y + spread))
         words = f'{curve}, range'
         if curve in tolerances:
-            limit = 1e6 * tolerances[curve]
+            limit = factor * tolerances[curve]
             if limit > MOST_ROOM * top:
-                words += f'; tolerance {limit:.6g} {CURVE_UNITS[place]}, not drawn'
+                words += f'; tolerance {limit:.6g} {unit}, not drawn'
             else:
                 panel.axhline(limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED, label='tolerance')
                 top = max(top, limit)
         if curve in forecasts:
             one = forecasts[curve]
             ahead = np.array([0.0, 0.15 * (np.ptp(when) or 1.0)])
-            panel.plot(when[-1] + ahead, 1e6 * (one.level + one.slope * ahead), color=style.GREY, linewidth=1.0,
+            panel.plot(when[-1] + ahead, factor * (one.level + one.slope * ahead), color=style.GREY, linewidth=1.0,
                        linestyle=':', label='forecast')
         _mark(panel, when, [event for event in events if any(step.series.name.startswith(curve)
                                                              for step in event.steps)])
-        panel.set(ylim=(0, 1.1 * top), ylabel=CURVE_UNITS[place])
+        panel.set(ylim=(0, 1.1 * top), ylabel=unit)
         panel.set_title(words)
         _time_axis(panel)
     style.legend_of(made, panels.flat)

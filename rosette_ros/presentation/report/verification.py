@@ -22,7 +22,7 @@ from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import same_angles
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.records import CURVES, Floats, Ints
+from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Ints
 from rosette_ros.io.text_file import regular
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words
@@ -30,7 +30,6 @@ from rosette_ros.presentation.plots.result_plots import Extra, Series, differenc
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, software
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
-from rosette_ros.presentation.tables import FILE_UNITS
 from rosette_ros.words.result_words import ConclusionText
 
 ROLES = (('(i) all corrected', ()), ('(ii) plate turned', ()), ('(iii) CMM correction off', ()),
@@ -43,7 +42,7 @@ SURE = 0.001
 """Runs differ where noise makes such differences with a smaller probability."""
 MAKER_COLUMNS = ('table_angle_deg', 'ctz_um', 'crz_urad')
 LARGEST_FILE = 10_000_000
-DIGITS = tuple(3 if unit == 'µm' else 2 for unit in text.CURVE_UNITS)
+DIGITS = 3, 3, 3, 2, 2, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +158,9 @@ class Verification:
     @property
     def verdict(self) -> ConclusionText:
         """The conclusion: do the runs agree, and how well."""
-        shift, turn = self.overall
-        size = f'{text.micro(shift)} µm and {text.micro(turn, 2)} µrad (the paper: 0.02 µm and 0.2 µrad)'
+        size = '{} (the paper: {})'.format(*(
+            f'{text.sized(one, "m", places)} and {text.sized(other, places=places - 1)}'
+            for (one, other), places in ((self.overall, 3), (PAPER, 2))))
         if self.agrees:
             return ConclusionText(Level.GOOD, 'The error motions are the same under all conditions: they reproduce '
                                   f'within {size}.', 'Nothing needs to be done.')
@@ -240,6 +240,7 @@ def verification_html(verification: Verification, command: str = '',
         sizes=_bars(verification), files=tuple(files.values()), command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
         p=f'{text.P_VALUE} of the differences: {text.p_value(verification.p)}', maker=maker_rows(verification),
+        sized=text.sized,
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), annexed=annexed,
         simulated=simulated_words(simulated, len(members)), model=text.model_words(members[0].fit.model),
@@ -269,14 +270,14 @@ def _extras(verification: Verification) -> list[Extra]:
 
 
 def _bars(verification: Verification) -> list[tuple[str, list[tuple[str, float, str, str]]]]:
-    """Return two groups of bars, µm and µrad: this cell, noise alone, the paper: label, size, text, class of colour."""
+    """Return two groups of bars, this cell, noise alone, the paper: label, size, text, class of colour."""
     expected = verification.expected[:3].mean(), verification.expected[3:].mean()
     groups = []
-    for place, (heading, unit, digits) in enumerate((('Translations', 'µm', 3), ('Rotations', 'µrad', 2))):
+    for place, (heading, si, digits) in enumerate((('Translations', 'm', 3), ('Rotations', 'rad', 2))):
         values = (('Reproducibility of these runs', verification.overall[place], 'after'),
                   ('Expected of noise', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
-        groups.append((f'{heading}, {unit}', [
-            (label, value, f'{text.fixed(1e6 * value, digits)} {unit}', kind) for label, value, kind in values]))
+        groups.append((f'{heading}, {text.scale_of(si).unit}', [
+            (label, value, text.sized(value, si, digits), kind) for label, value, kind in values]))
     return groups
 
 
@@ -284,11 +285,12 @@ def maker_rows(verification: Verification) -> list[tuple[str, ...]]:
     """Return correction, curve, and the changes when it is switched off: whole, minus the maker's table, remainder."""
     out, names = [], text.curve_names(verification.rotation)
     for what, place in (('axial', 2), ('angular', 5)):
-        curve, unit = CURVES[place], text.CURVE_UNITS[place]
+        curve = CURVES[place]
         off, left = verification.switched(curve), verification.remainder(curve)
         if off is not None:
             changes = [off, *([left, left - verification.mean[:, place]] if left is not None else [])]
-            out.append((what, names[place], *(f'{text.micro(float(np.abs(one).max()), 2)} {unit}' for one in changes)))
+            out.append((what, names[place], *(
+                text.sized(float(np.abs(one).max()), SI_UNITS[curve]) for one in changes)))
     return out
 
 
@@ -301,10 +303,9 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
     reproducibility = Table('reproducibility', 'Reproducibility of each curve: standard deviation over the runs', (
         words('curve', 'curve', text.curve_names(verification.rotation)),
         column('runs', 'runs', verification.counts, str),
-        words('unit', 'unit', text.CURVE_UNITS),
-        *(Column(f'{key}_in_unit', name, tuple((1e6 * values).tolist()),
-                 tuple(f'{text.micro(value, digits)} {unit}'
-                       for value, digits, unit in zip(values, DIGITS, text.CURVE_UNITS)))
+        words('unit', 'unit', text.curve_units()),
+        *(Column(f'{key}_in_unit', name, tuple((text.curve_factors() * values).tolist()),
+                 tuple(map(text.sized, values, SI_UNITS.values(), DIGITS)))
           for key, name, values in rows)))
     members, fits = verification.members, [one.fit for one in verification.members]
     conditions = Table('runs', 'The runs and their conditions', (
@@ -315,14 +316,15 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
         micrometre_column('plate_rms_um', 'ball centre deviations, rms', [_rms(one.plate) for one in fits], 1)))
     spans = Table('run_spans', 'Peak to valley of the curves of each run', (
         words('run', 'run', [one.label for one in members]),
-        *(column(f'span_{curve}_{key}', curve, [1e6 * float(peak_to_valley(one.error_motions[curve])) for one in fits],
-                 partial(text.fixed, places=digits), unit)
-          for curve, key, unit, digits in zip(CURVES, FILE_UNITS, text.CURVE_UNITS, DIGITS, strict=True))))
+        *(column(f'span_{curve}_{text.file_unit(unit)}', curve, [
+            factor * float(peak_to_valley(one.error_motions[curve])) for one in fits],
+                 partial(text.fixed, places=3 - (unit == 'µrad')), unit)
+          for curve, (factor, unit) in zip(CURVES, text.curve_scales(), strict=True))))
     columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(text.fixed, places=1), '°')]
     for place, one in enumerate(members, 1):
-        columns += [column(f'run{place}_{curve}_{key}', curve, 1e6 * one.fit.error_motions[curve],
-                           partial(text.signed, places=digits) if place == 1 else None, unit)
-                    for curve, key, unit, digits in zip(CURVES, FILE_UNITS, text.CURVE_UNITS, DIGITS, strict=True)]
+        columns += [column(f'run{place}_{curve}_{text.file_unit(unit)}', curve, factor * one.fit.error_motions[curve],
+                           partial(text.signed, places=3 - (unit == 'µrad')) if place == 1 else None, unit)
+                    for curve, (factor, unit) in zip(CURVES, text.curve_scales(), strict=True)]
     curves = Table('verification_curves', f'The curves of run {members[0].label}', tuple(columns))
     return reproducibility, conditions, spans, curves
 
