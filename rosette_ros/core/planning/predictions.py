@@ -18,6 +18,16 @@ and the information of the readings on them is at least
 
 (Kolchinsky and Tracey, Estimating mixture entropy with pairwise distances, Entropy 19 (2017) 361: Bhattacharyya
 distances).
+
+If i is true, a block moves the log odds of i against j by X ~ N(G, 2 G), G = d_ij^2 / 2, which is the Kullback-Leibler
+divergence. Of the log odds N that are still needed, E (N - X)+ are expected to be left, for which E (N - X)+ / G more
+blocks of that kind are needed (Wald, Sequential tests of statistical hypotheses, Ann. Math. Stat. 16 (1945) 117), so
+
+    1 / (expected number of blocks) = G / (G + E (N - X)+) = share of what is needed, 0 .. 1
+
+It is G / N where a block only starts, and not above 1 however much more it tells. Divided by the time of a block, it is
+one over the expected time until i is settled against j (Chernoff, Sequential design of experiments, Ann. Math. Stat. 30
+(1959) 755, for one need and blocks of one time).
 """
 
 from collections.abc import Sequence
@@ -57,9 +67,9 @@ class Predictions:
     mean: Floats
     spread: Floats
 
-    def chosen(self, count: int) -> tuple[list[int], float]:
+    def chosen(self, count: int) -> tuple[list[int], Floats]:
         """Return the readings, 0..S-1, that one after the other add most to the information on the explanations, and
-        this, nats; the mean covariance is taken for all."""
+        the squared distances (m, m) in them; the mean covariance is taken for all."""
         p, mean, size = self.p, self.mean.copy(), self.mean.shape[1] // 3
         spread = np.tensordot(p, self.spread, axes=1)
         square, out, place = np.zeros((len(p), len(p))), list[int](), np.arange(3 * size).reshape(size, 3)
@@ -76,7 +86,7 @@ class Predictions:
             held = np.linalg.solve(spread[np.ix_(rows, rows)] + np.eye(3), spread[rows])
             mean = mean - mean[:, rows] @ held
             spread = spread - spread[:, rows] @ held
-        return out, float(information(p, square))
+        return out, square
 
     @property
     def distances(self) -> Floats:
@@ -100,6 +110,16 @@ class Predictions:
 def information(p: Floats, square: Floats) -> Floats:
     """Return the information of readings on explanations p (m,), nats, from squared distances (..., m, m)."""
     return np.asarray(-np.log(np.exp(-square / 8) @ p) @ p)
+
+
+def share_of_need(square: Floats, need: Floats) -> Floats:
+    """Return the share of the needed log odds that readings are expected to give, 0..1: one over the expected number of
+    such blocks; square: squared distances of pairs; need: log odds that each lacks, above 0, of the same shape."""
+    growth = square / 2
+    lacking, sd = need - growth, np.sqrt(2 * np.maximum(growth, 1e-300))
+    z = lacking / sd
+    left = lacking * special.ndtr(z) + sd * np.exp(-z**2 / 2) / np.sqrt(2 * np.pi)
+    return np.asarray(growth / (growth + left))
 
 
 def expected_share(share: float, square: float) -> float:
