@@ -122,7 +122,7 @@ def test_a_wait_parts_warm_up_from_drift():
     squares = []
     for wait in (0.0, 3600.0, 36000.0):
         every = BlockWay(np.array([1]), np.ones(1, dtype=int), wait).every(run)
-        squares.append(predictor.predicted(continued(run, every, USUAL_PACE)).distances[0, 1])
+        squares.append(predictor.predicted(continued(run, every, USUAL_PACE)).distances(every.ball.size)[0, 1])
     assert squares[0] < squares[1] / 2 < squares[2] / 4
 
 
@@ -229,15 +229,18 @@ def test_the_share_of_what_is_needed():
     """One over the expected number of blocks: growth over need where a block only starts, never above 1, and between
     them the rest after one block over the growth, as 10^5 draws have it."""
     need, z = 3.0, np.random.default_rng(1).standard_normal(100_000)
-    assert share_of_need(np.array([0.0, 1e-4, 400.0]), np.full(3, need)) == pytest.approx([0, 5e-5 / need, 1], rel=0.02)
+    square = np.array([0.0, 1e-4, 400.0])
+    assert share_of_need(square, 2 * square, np.full(3, need)) == pytest.approx([0, 5e-5 / need, 1], rel=0.02)
     for square in (1.0, 6.0, 12.0):
         left = np.maximum(need - square / 2 - np.sqrt(square) * z, 0).mean()
-        assert share_of_need(np.array(square), np.array(need)) == pytest.approx(1 / (1 + 2 * left / square), rel=0.01)
+        assert share_of_need(square, 2 * square, need) == pytest.approx(1 / (1 + 2 * left / square), rel=0.01)
+    faster, never = share_of_need(np.array([0.1, 0.1]), np.array([0.8, 0.1]), np.full(2, need))
+    assert faster == pytest.approx((0.05 / need)**(1 / 3), rel=0.1) and never < 1e-6  # growth by n cubed; by nothing
 
 
 def test_a_wait_only_where_no_short_block_settles():
     """A block that tells enough in four minutes wins over an hour that tells more, an hour over a start in a minute."""
-    short, hour, start = (float(share_of_need(np.array(square), np.array(3.0))) for square in (12.0, 60.0, 0.05))
+    short, hour, start = (float(share_of_need(square, 2 * square, 3.0)) for square in (12.0, 60.0, 0.05))
     assert short / 4 > hour / 60 > start / 1
     found = next_readings(warming(), readings=6)
     assert found.targets.wait.sum() == 0 and found.separates.expected > 0.9

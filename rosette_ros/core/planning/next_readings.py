@@ -64,8 +64,8 @@ LEAST = 0.02
 """Information of all readings of the best way, nats, below which no block of this cell helps."""
 LEADING = 5
 """Explanations whose way is shown."""
-FINALISTS = 4
-"""Blocks that are calculated exactly as they would be measured: the best ones of all."""
+FINALISTS = 2
+"""Blocks with each wait that are calculated exactly, as they would be measured."""
 
 
 @dataclass(frozen=True)
@@ -188,11 +188,14 @@ def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace, 
     if max(every for _, _, every in guessed) < LEAST:
         return replace(found, is_hopeless=True)
     made = []
-    for _, block, _ in guessed[:FINALISTS + len(refused)]:
-        if not any(same(block, one) for one in refused):
-            longer = continued(run, block, pace)
-            square, duration = predictor.predicted(longer).distances, float(longer.time[-1] - run.time[-1])
-            made.append((_removed(p, square, need) / duration, duration, block, square))
+    for wait in dict.fromkeys(block.wait[0] for _, block, _ in guessed):
+        some = [block for _, block, _ in guessed if block.wait[0] == wait]
+        for block in [block for block in some if not any(same(block, one) for one in refused)][:FINALISTS]:
+            size, twice = block.ball.size, np.tile(np.arange(block.ball.size), 2)
+            longer = continued(run, _taken(block, twice, block.wait[twice]), pace)
+            predicted, duration = predictor.predicted(longer), float(longer.time[run.size + size - 1] - run.time[-1])
+            square = predicted.distances(size)
+            made.append((_removed(p, square, predicted.distances(2 * size), need) / duration, duration, block, square))
     if not made:
         return replace(found, is_hopeless=True)
     _, duration, block, square = max(made, key=lambda one: one[0])
@@ -212,9 +215,9 @@ def _needed(contenders: Sequence[Contender], likely: Sequence[frozenset[str]], u
     return need
 
 
-def _removed(p: Floats, square: Floats, need: Floats) -> float:
+def _removed(p: Floats, square: Floats, twice: Floats, need: Floats) -> float:
     """Return the doubt that a block removes: p_i p_j over the expected number of such blocks, of the pairs in doubt."""
-    return float(np.nansum(p[:, None] * p * share_of_need(square, need)))
+    return float(np.nansum(p[:, None] * p * share_of_need(square, twice, need)))
 
 
 def _lowering(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
@@ -260,15 +263,13 @@ def _guessed(predictor: Predictor, way: BlockWay, need: Floats, readings: int,
     run, every = predictor.run, way.every(predictor.run)
     guess = predictor.predicted(continued(run, every, pace))
     some, square = guess.chosen(readings)
-    block = _taken(every, np.sort(some))
+    block = _taken(every, np.sort(some), np.append(every.wait[0], np.zeros(len(some) - 1)))
     duration = float(continued(run, block, pace).time[-1] - run.time[-1])
-    return _removed(predictor.p, square, need) / duration, block, guess.information
+    return _removed(predictor.p, square, 2 * square, need) / duration, block, guess.information
 
 
-def _taken(scheme: Scheme, some: Ints) -> Scheme:
-    """Return some readings of a scheme, the wait before the first one included."""
-    wait = np.zeros(len(some))
-    wait[0] = scheme.wait[0]
+def _taken(scheme: Scheme, some: Ints, wait: Floats) -> Scheme:
+    """Return some readings of a scheme, with a wait before each."""
     return replace(scheme, **{name: getattr(scheme, name)[some] for name in (
         'table_position', 'ball', 'approach', 'touches', 'session')}, wait=wait)
 
