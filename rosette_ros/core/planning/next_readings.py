@@ -160,7 +160,8 @@ def step_of(found: NextReadings, readings: int) -> SettlingStep:
 
 def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[SettlingStep, ...]:
     """Return what was known after each number of readings of a run, ascending; errors as of `next_readings`."""
-    return tuple(step_of(standing(run.take(list(range(size))), model), size) for size in sizes)
+    return tuple(step_of(standing(run if size == run.size else run.take(np.arange(size)), model), size)
+                 for size in sizes if size <= run.size)
 
 
 def leading(steps: Sequence[SettlingStep], most: int = LEADING) -> dict[tuple[str, ...], list[float]]:
