@@ -188,7 +188,7 @@ def _on(scheme: Scheme, start: int, count: int) -> Scheme:
 
 def work(search: Search) -> list[Record]:
     """Return the records of a machine, by both ways; one that shows nothing is skipped."""
-    of = {'order': search.order, 'number': search.number}
+    of = {'order': search.order, 'n': search.n, 'number': search.number}
     try:
         return [{**of, **one} for one in search.records()]
     except NotShown as why:
@@ -201,19 +201,21 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--order', default='sensitive')
     parser.add_argument('--machines', type=int, default=100)
     parser.add_argument('--first', type=int, default=1)
+    parser.add_argument('--balls', type=int, default=12)
     parser.add_argument('--jobs', type=int, default=os.cpu_count())
     parser.add_argument('--json', type=Path, metavar='FILE', help='keep every machine; those it has are not repeated')
     options = parser.parse_args(argv)
     records = json.loads(options.json.read_text()) if options.json and options.json.exists() else []
-    known = {(one['order'], one['number']) for one in records}
-    todo = [Search(options.order, number) for number in range(options.first, options.first + options.machines)
-            if (options.order, number) not in known]
+    known = {(one['order'], one['n'], one['number']) for one in records}
+    todo = [Search(options.order, number, options.balls)
+            for number in range(options.first, options.first + options.machines)
+            if (options.order, options.balls, number) not in known]
     with multiprocessing.get_context('spawn').Pool(options.jobs) as pool:
         for both in pool.imap_unordered(work, todo):
             records += both
             if options.json:
                 options.json.write_text(json.dumps(records, indent=0))
-    print(table([one for one in records if one['order'] == options.order]))
+    print(table([one for one in records if (one['order'], one['n']) == (options.order, options.balls)]))
     return 0
 
 
