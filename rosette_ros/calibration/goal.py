@@ -15,11 +15,11 @@ from rosette_ros.calibration.settings import Value
 from rosette_ros.calibration.state_machine import SETTLING, Sequence
 from rosette_ros.core.errors import CellError, InvalidConfig, plain
 from rosette_ros.core.scheme import Scheme
-from rosette_ros.io.messages import Phase, Target, answer_of, target_of
+from rosette_ros.io.messages import EXTENDED, Phase, Target, answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
-SUCCEEDED, EXTENDED = 5, 8
-"""Kinds of CalibrationEvents: a run ended in success; readings were added to its plan, or are not any more."""
+SUCCEEDED = 5
+"""Kind of a CalibrationEvent: a run ended in success."""
 OF_EVENT = {'order': '', 'seed': 0, 'options': ''}
 """Fields of the goal that a CalibrationEvent has too, and what they are where they are not set."""
 

@@ -92,8 +92,9 @@ RUN = (
     Wanted('order', 'interleaved', 'order of measurement', choices=ORDERS),
     Wanted('seed', 0, 'draws the order "random"', 0, 2**53),
     Wanted('turning', 'forward', 'sense in which the table turns', choices=TURNINGS),
-    Wanted('cmm_positions', '', 'CMM positions in use: how many ("6", the best ones), a share ("50 %") or which '
-           '("1, 5, 7, 10"); "": all, half of them in order there_and_back'),
+    Wanted('cmm_positions', '', 'CMM positions in use: how many ("6", the best ones), a share ("50 %"), '
+           '"fewest", as few as determine the curves, or which ("1, 5, 7, 10"); "": all, half of them in order '
+           'there_and_back'),
     Wanted('balls_in_use', '', 'balls in use, likewise; not together with cmm_positions'),
     Wanted('table_offset_deg', 0.0, 'table angle of table position 1, degrees, below one step of the table: half of it '
            'for a run at half pitches', 0.0, 360.0),

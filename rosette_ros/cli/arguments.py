@@ -151,7 +151,7 @@ def add_shared(parser: argparse.ArgumentParser, *names: str, **changed: Any) -> 
 
 
 def add_places(parser: argparse.ArgumentParser) -> None:
-    """Add --cmm-positions, --balls-of and --share, of which one excludes the others."""
+    """Add --cmm-positions, --balls-of, --share and --shortest, of which one excludes the others."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument('--cmm-positions', metavar='K', default='', help='measure at the K CMM positions that determine '
                        'the curves best, or at those of a list such as 1,5,7,10 (default: all)')
@@ -159,6 +159,8 @@ def add_places(parser: argparse.ArgumentParser) -> None:
                        help='measure the K balls that determine the curves best, or those of a list')
     group.add_argument('--share', dest='cmm_positions', metavar='PART', help='measure at this part of the CMM '
                        'positions, such as 0.5', type=_share)
+    group.add_argument('--shortest', dest='cmm_positions', action='store_const', const='fewest',
+                       help='measure at the fewest CMM positions that determine the curves')
 
 
 def add_table_offset(parser: argparse.ArgumentParser) -> None:

@@ -19,7 +19,6 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
-from rosette_ros.calibration.goal import EXTENDED
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import COLOURS, console, head, pairs, print_table, say
 from rosette_ros.cli.demo_cell import MACHINE, shown
@@ -35,6 +34,7 @@ from rosette_ros.core.planning.next_readings import BLOCK, standing
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme, plan
 from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.messages import EXTENDED
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.presentation.formatting import duration, exact, fixed, residual_words, sigmas, sized
 from rosette_ros.presentation.table_format import Table, column, words

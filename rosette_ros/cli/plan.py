@@ -28,7 +28,6 @@ from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
-from rosette_ros.core.reduced_sets import fewest_members
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, order_name, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
 from rosette_ros.io.budget_file import environment_of, read_stated
@@ -70,7 +69,6 @@ def plan_arguments(parser: ArgumentParser) -> None:
                         'at usual speeds)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, help='direction of the table axis in '
                         'the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
-    parser.add_argument('--shortest', action='store_true', help='the fewest CMM positions that determine the curves')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
     arguments.add_shared(parser, '--inputs', '--environment', '--angle-unit', '--format', '--force')
@@ -103,9 +101,6 @@ def run_plan(options: Namespace) -> None:
         raise UsageError('plan: --format goes with --figures only; leave it out')
     if options.plate:
         put_on_plate(options)
-    if options.shortest and (options.cmm_positions or options.balls_in_use):
-        raise UsageError('plan: --shortest chooses the CMM positions: leave out --cmm-positions, --balls-of, --share '
-                         'and --plate')
     words = options.plans or [options.order]
     if len(words) > MOST_PLANS:
         raise UsageError(f'plan: wanted at most {MOST_PLANS} plans, got {len(words)}')
@@ -173,9 +168,8 @@ def chosen(words: Sequence[str], options: Namespace) -> list[MeasuringPlan]:
         elif n is None or radius is None:
             raise UsageError('plan: wanted --balls and --radius-mm with an order, or a plan file')
         else:
-            fewest = str(fewest_members(n)) if options.shortest else ''
             in_use = (places_in_use(text, n, what) for text, what in (
-                (places or options.cmm_positions or fewest, 'CMM positions'), (options.balls_in_use, 'balls')))
+                (places or options.cmm_positions, 'CMM positions'), (options.balls_in_use, 'balls')))
             scheme = plan(n, order, options.seed, options.turning, *in_use).shifted(options.table_offset_deg or 0.0)
             touches = np.full(scheme.ball.size, options.touches or 0)
             every.append(MeasuringPlan(replace(scheme, touches=touches), radius))

@@ -121,7 +121,7 @@ def report_run(options: Namespace, place: str) -> None:
         step('draw')
         refit = touches_of(source)[0]
         made = budget_of(summary, refit, inputs)
-        pictures = pictures_of(summary, overlays, refit, made, is_whole)
+        pictures = pictures_of(summary, overlays, refit, made, is_whole, source)
         write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs, options.annex),
                    options.force)
         write_parts(options, pictures, every_table(summary, source.identity, refit, made))

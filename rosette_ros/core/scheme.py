@@ -18,6 +18,8 @@ from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, radi
 from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.sensitive_order import sensitive
 
+FEWEST = 'fewest'
+"""Stands for as few CMM positions or balls as determine the curves."""
 TURNINGS = ('forward', 'alternate', 'clockwise', 'counterclockwise')
 _DERIVED: Any = None  # in place of what is as usual; never in a scheme that exists
 
@@ -311,7 +313,8 @@ def chosen_places(n: int, order: str, cmm_positions: Sequence[int] = (),
 def places_in_use(text: str, n: int, what: str = 'CMM positions or balls') -> tuple[int, ...]:
     """Return the CMM positions or balls, from 1, that a text names.
 
-    '' all, () ; '6' the six that determine the curves best; '50 %' the best half; '1, 5, 7, 10' these.
+    '' all, () ; '6' the six that determine the curves best; '50 %' the best half; FEWEST as few as determine them;
+    '1, 5, 7, 10' these.
 
     what: they are, in words. Raises InvalidPlan for another text.
     """
@@ -321,9 +324,10 @@ def places_in_use(text: str, n: int, what: str = 'CMM positions or balls') -> tu
             return tuple(map(int, parts))
         if not text.strip():
             return ()
-        count = round(float(text.strip(' %')) * n / 100) if '%' in text else int(text)
+        count = round(float(text.strip(' %')) * n / 100) if '%' in text else (
+            fewest_members(n) if text.strip() == FEWEST else int(text))
     except (ValueError, OverflowError):
-        raise InvalidPlan(f'{what} in use: wanted how many (6), a share (50 %) or which (1, 5, 7, 10), '
+        raise InvalidPlan(f'{what} in use: wanted how many (6), a share (50 %), {FEWEST} or which (1, 5, 7, 10), '
                           f'got {text!r:.80}') from None
     return tuple(k + 1 for k in best_members(n, count, what))
 

@@ -36,7 +36,7 @@ SIMULATED_KEY = 'rosette.simulated'  # entry of custom_data, `yes` where the run
 CMM_NODE, SIMULATED_STATUS = 'cmm', 'simulated_s'
 """Name of the node of a CMM, and the entry of its status on /diagnostics that only a simulated one has."""
 
-IDENTITY_KEY = 'identity'  # entry of the settings of a CalibrationEvent
+IDENTITY_KEY, UNTIL_KEY = 'identity', 'until.probability'  # entries of the settings of a CalibrationEvent
 MOST_SETTINGS = 16 << 20  # longest settings in a log, characters
 
 
@@ -94,8 +94,9 @@ class LogRun:
 
     runs: what was asked and answered, by run_id, in order of appearance; frames: in order of receipt; states: the last
     of each run; events: CalibrationEvents, decoded; is_cmm_simulated: whether the status of the CMM says so; verdicts:
-    the last of the evaluator by run_id and name of the model; start_ns, end_ns: first and last log time; truncated:
-    whether the log ends in the middle; problems: what is wrong with it, in words."""
+    the last of the evaluator by run_id and name of the model; asked: after how many readings it was asked whether a run
+    is settled, by run_id, and until which probability it is not, 0 for any; start_ns, end_ns: first and last log time;
+    truncated: whether the log ends in the middle; problems: what is wrong with it, in words."""
 
     path: Path
     files: tuple[Path, ...]
@@ -106,6 +107,7 @@ class LogRun:
     events: list[SimpleNamespace] = field(default_factory=list)
     is_cmm_simulated: bool = False
     verdicts: dict[tuple[str, str], VerdictText | None] = field(default_factory=dict)
+    asked: dict[str, tuple[float, list[int]]] = field(default_factory=dict)
     topics: tuple[TopicSummary, ...] = ()
     messages: int = 0
     start_ns: int = 0
@@ -129,6 +131,8 @@ class LogRun:
             self.error_motions.append(PublishedMotions.of(message))
         elif type_name == CALIBRATION_EVENT:
             self.events.append(message)
+            if message.kind == msg.EXTENDED:
+                self._add_asked(message)
         elif type_name == DIAGNOSIS:
             self.verdicts[plain(message.run_id), plain(message.model_name, 4000)] = msg.verdict_of(message)
         elif type_name == DIAGNOSTICS:
@@ -137,6 +141,21 @@ class LogRun:
                 for one in message.status)
         else:
             self.frames += [frame for one in message.transforms if (frame := msg.table_frame_of(one))]
+
+    def _add_asked(self, event: SimpleNamespace) -> None:
+        """Take that it was asked whether a run is settled."""
+        if event.run_id in self.runs:
+            until = self._settings_of(event).get(UNTIL_KEY)
+            sizes = self.asked.setdefault(event.run_id, (until if isinstance(until, float) else 0.0, []))[1]
+            size = self.runs[event.run_id].counts().get(msg.Phase.RUN, (0, 0))[1]
+            sizes += [size] * (size not in (0, *sizes))
+
+    @staticmethod
+    def _settings_of(event: SimpleNamespace) -> dict[str, Any]:
+        """Return what a run was planned with, nothing where that cannot be read: it counts when a run is resumed."""
+        with suppress(InvalidData):
+            return dict(parse_mapping(event.settings, 'settings', MOST_SETTINGS, '', InvalidData))
+        return {}
 
     def _run(self, run_id: str) -> RunAnswers:
         if run_id not in self.runs:
@@ -196,9 +215,7 @@ class LogRun:
         found = ''
         for event in self.events:
             if event.run_id == run_id and f'{IDENTITY_KEY}:' in event.settings:
-                with suppress(InvalidData):  # what the run was planned with counts when it is resumed only
-                    found = parse_mapping(event.settings, 'settings', MOST_SETTINGS, '', InvalidData).get(
-                        IDENTITY_KEY) or found
+                found = self._settings_of(event).get(IDENTITY_KEY) or found
         return parse_identity(str(found).encode(), f'{self.path}: identity') if found else Identity()
 
     def latest_error_motions(self, run_id: str | None = None) -> PublishedMotions | None:

@@ -19,6 +19,8 @@ from rosette_ros.core.scheme import nominal_places, order_name
 FRAMES = MACHINE_FRAME, TABLE_FRAME = 'machine', 'table'
 STATUS_OK, STATUS_REFUSED = 0, 2
 TOUCH_ARRAYS = ('x', 'y', 'z', 'i', 'j', 'k', 'time')  # of Touches.msg: point, direction, time of each touch
+EXTENDED = 8
+"""Kind of a CalibrationEvent: readings were added to the plan of a run, or are not any more."""
 UNIT_TOLERANCE = 1e-6  # a quaternion whose norm differs from 1 by more is none
 
 

@@ -13,18 +13,23 @@ from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.block_ways import with_block
+from rosette_ros.core.planning.next_readings import next_readings
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan
+from rosette_ros.presentation.plots.plan_plots import way_to_the_cause
 from rosette_ros.presentation.plots.touch_plots import touch_residuals
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.page_parts import inline_svgs
 from rosette_ros.presentation.report.provenance import Source
-from rosette_ros.presentation.report.run_page import NO_TOUCHES, touches_of
+from rosette_ros.presentation.report.run_page import NO_TOUCHES, touches_of, way_of
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.studio.studio_session import OpenedRun
+from rosette_ros.words.settling_words import next_words
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,19 @@ def shown_touches(source: Source | None) -> ShownTouches:
     return ShownTouches(tuple(sphere_rows(refit)), {
         'Distance of each touch from its sphere; below, the radius of each sphere.': str(drawn['touch_residuals'])},
         (sphere_table(refit),))
+
+
+def shown_way(run: Run, model: Model, source: Source) -> str:
+    """Return how a run that was measured until it is known came to its cause, a picture (SVG)."""
+    return str(inline_svgs({'way': way_to_the_cause(way_of(run, model, source), source.until)})['way'])
+
+
+def next_plan(run: Run, model: Model) -> tuple[str, str]:
+    """Return what settles the doubts of a run, in words, and as a plan file after its readings, '' where nothing
+    does."""
+    found = next_readings(run, model)
+    plan = MeasuringPlan(with_block(run, found.targets), run.radius) if found.targets else None
+    return ' '.join(next_words(found)), format_plan(plan) if plan else ''
 
 
 def curves_by_name(runs: Sequence[tuple[str, Run]], model: Model) -> dict[str, ErrorMotions]:

@@ -25,7 +25,14 @@ from rosette_ros.core.stated_environment import CLASSES
 from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.presentation.report import report_html
 from rosette_ros.presentation.report.provenance import Source
-from rosette_ros.studio.calculations import budget_of, curves_by_name, joint_of, shown_touches
+from rosette_ros.studio.calculations import (
+    budget_of,
+    curves_by_name,
+    joint_of,
+    next_plan,
+    shown_touches,
+    shown_way,
+)
 from rosette_ros.studio.studio_session import KeptResults, OpenedRun, Preview, Session, Ticket
 from rosette_ros.studio.worker import Superseded, Worker
 
@@ -161,6 +168,17 @@ class Controller:
         """Fit spheres to the touches in the log of the run that is shown."""
         if current := self.session.current:
             await self.ask('touches', shown_touches, current.source, of=current)
+
+    async def show_way(self) -> None:
+        """Calculate how the run that is shown, measured until it is known, came to its cause."""
+        if (current := self.session.current) and current.source:
+            await self.ask('way', shown_way, current.run, self.session.model, current.source, of=self.session.ticket)
+
+    async def settle(self) -> str:
+        """Choose the readings that settle what is in doubt; return a plan file with them, '' where there are none."""
+        if (current := self.session.current) is None:
+            return ''
+        return (await self.ask('next', next_plan, current.run, self.session.model, of=self.session.ticket))[1]
 
     async def lay_over(self, places: Sequence[int]) -> None:
         """Evaluate other opened runs under the model, to draw their curves over those of this one."""

@@ -21,7 +21,14 @@ from rosette_ros.studio.panels.figures_panel import FiguresPanel
 from rosette_ros.studio.panels.live_panel import CellWatchers, LivePanel
 from rosette_ros.studio.panels.model_panel import CustomTermPanel, Entry, ModelPanel
 from rosette_ros.studio.panels.open_dialog import OpenDialog
-from rosette_ros.studio.panels.request_panels import BudgetPanel, JointPanel, OrdersPanel, OverlayPanel, TouchPanel
+from rosette_ros.studio.panels.request_panels import (
+    BudgetPanel,
+    JointPanel,
+    OrdersPanel,
+    OverlayPanel,
+    TouchPanel,
+    WayPanel,
+)
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked
 from rosette_ros.studio.worker import Superseded
 
@@ -127,7 +134,7 @@ class Page:
         self._empty = ui.label('No run is open: open a log or a table of ball centres.').classes('soft')
         with ui.element('div').classes('tab') as self._run_sheet:
             self._verdict = VerdictPanel(controller, self._preview_missing, self._add_best,
-                                         partial(self.refresh, False))
+                                         partial(self.refresh, False), lambda: self._run(self._download_next()))
             with ui.element('div').classes('halves'):
                 with ui.element('div').classes('side'):
                     panels = (
@@ -141,6 +148,7 @@ class Page:
                         OrdersPanel(controller, lambda stated: self._run(controller.compare_orders(stated))),
                         OverlayPanel(controller, lambda places: self._run(controller.lay_over(places))),
                         TouchPanel(controller, lambda: self._run(controller.read_touches())),
+                        WayPanel(controller, lambda: self._run(controller.show_way())),
                         JointPanel(controller, lambda places: self._run(controller.evaluate_jointly(places))))
         self._panels = (self._verdict, *panels, self._figures, *below)
 
@@ -247,6 +255,10 @@ class Page:
         report, current = await self._controller.report(), self._session.current
         if report is not None and current is not None:
             ui.download.content(report, f'{current.run.run_id or "report"}.html', 'text/html')
+
+    async def _download_next(self) -> None:
+        if plan := await self._controller.settle():
+            ui.download.content(plan, 'next.csv', 'text/csv')
 
     def _change_theme(self) -> None:
         order = tuple(THEMES)

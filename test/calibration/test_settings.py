@@ -162,7 +162,8 @@ def test_run_names_are_unique():
 
 
 PLACES_GIVEN = {'none': {}, 'cmm_positions': {'cmm_positions': '1, 2, 4, 5, 7, 10'}, 'balls_of': {'balls_in_use': '8'},
-                'share': {'cmm_positions': '50 %'}, 'balls': {'balls_in_use': '1, 2, 4, 6, 9, 10'}}
+                'share': {'cmm_positions': '50 %'}, 'shortest': {'cmm_positions': 'fewest'},
+                'balls': {'balls_in_use': '1, 2, 4, 6, 9, 10'}}
 
 
 @pytest.mark.parametrize('order', ORDERS)

@@ -12,6 +12,7 @@ import pytest
 from simulated import simulated_run
 
 from rosette_ros.cli.plan import plan_arguments
+from rosette_ros.core.scheme import FEWEST, places_in_use
 
 GOLDEN = Path(__file__).parents[1] / 'golden'
 
@@ -250,8 +251,9 @@ def test_what_cannot_be_compared(refused, words, message):
 
 
 def test_the_shortest_plan(rosette, refused):
-    """Four CMM positions determine the curves of 12 balls; it chooses them itself."""
+    """Four CMM positions determine the curves of 12 balls; it chooses them itself, in a cell likewise."""
     words = ('plan', '--balls', 12, '--radius-mm', 182.5, '--order', 'sensitive', '--shortest')
     got = json.loads(rosette(*words, '--json').out)
     assert (len(got['ball']), got['expected']['rank']) == (48, 107)
-    assert '--shortest chooses the CMM positions: leave out --cmm-positions' in refused(*words, '--cmm-positions', 6)
+    assert 'not allowed with argument' in refused(*words, '--cmm-positions', 6)
+    assert places_in_use(FEWEST, 12) == tuple(sorted(set(got['cmm_position'])))

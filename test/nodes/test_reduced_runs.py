@@ -34,6 +34,7 @@ def client(module_domain_id, tmp_path_factory, make_cell):
 
 @pytest.mark.parametrize('goal, readings, balls, positions', [
     ({'order': 'there_and_back'}, 48, N, 4), ({'order': 'row', 'cmm_positions': '5'}, 30, N, 5),
+    ({'order': 'interleaved', 'cmm_positions': 'fewest'}, 24, N, 4),
     ({'order': 'random', 'balls_in_use': '1, 2, 3, 5'}, 24, 4, N),
     ({'order': 'column', 'cmm_positions': '67 %'}, 24, N, 4)])
 def test_curves_of_a_reduced_run(client, goal, readings, balls, positions):
@@ -53,7 +54,7 @@ def test_curves_of_a_reduced_run(client, goal, readings, balls, positions):
 
 @pytest.mark.parametrize('goal, words', [
     ({'cmm_positions': '3'}, '3 of 6 CMM positions or balls do not determine the curves; wanted at least 4'),
-    ({'cmm_positions': 'most'}, 'wanted how many (6), a share (50 %) or which (1, 5, 7, 10)'),
+    ({'cmm_positions': 'most'}, 'wanted how many (6), a share (50 %), fewest or which (1, 5, 7, 10)'),
     ({'balls_in_use': '1, 7, 2, 3'}, 'balls in use: wanted different ones of 1..6')])
 def test_what_determines_nothing_is_refused_before_it_is_measured(client, goal, words):
     """The goal is refused in words."""

@@ -27,7 +27,7 @@ def test_the_card_and_both_models_are_shown(monkeypatch):
     with ThreadPoolExecutor(1) as threads:
         threads.submit(asyncio.run, controller.refresh()).result()
     with Client(page('/card')) as client:
-        for panel in (VerdictPanel(controller, print, print, print), FiguresPanel(controller, print, print)):
+        for panel in (VerdictPanel(controller, print, print, print, print), FiguresPanel(controller, print, print)):
             panel.show(controller.session.current)
     found = [element.text for element in client.elements.values() if getattr(element, 'text', '')]
     places = [found.index(words) for words in (

@@ -14,10 +14,10 @@ from rosette_ros.core.touches import USUAL, Pace
 
 NEXT = 'next'
 """Name of the order of a block."""
-STOPS = 1, 3
+STOPS = 1, 3, 12
 """Table positions of a way."""
-MOST_AT = 12
-"""Balls of a stop that are looked at, of more those that are evenly spread."""
+LOOKED = 36
+"""Readings of a way that are looked at, of more those that are evenly spread over the balls of each stop."""
 WAITS = 0.0, 1.0
 """Waits before a way, in times that so many readings as the run has take without waits."""
 TREND = 0.25
@@ -45,12 +45,13 @@ class BlockWay:
                       wait=wait)
 
     def every(self, run: Run) -> Scheme:
-        """Return the readings of all balls at all stops that see what the run saw."""
-        looked = np.unique(np.linspace(0, run.n - 1, min(run.n, MOST_AT)).round().astype(int))
-        stop, ball = np.repeat(np.arange(self.position.size), looked.size), np.tile(looked, self.position.size)
-        spot = (self.position[stop] + ball - 1) % run.n + 1
-        seen = np.isin(ball + 1, run.balls) & np.isin(spot, np.unique(run.cmm_position))
-        return self.scheme(run, stop[seen], ball[seen] + 1)
+        """Return the readings of all balls of the plate at all stops, from stop to stop others where not all are looked
+        at; at any CMM position, also one that the run has not used."""
+        balls, stop = np.array(run.balls), np.arange(self.position.size)
+        count = min(balls.size, max(LOOKED // stop.size, 1))
+        looked = np.linspace(0, balls.size, count, endpoint=False).round().astype(int)
+        ball = balls[(looked + stop[:, None]) % balls.size]
+        return self.scheme(run, np.repeat(stop, count), ball.ravel())
 
 
 def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[BlockWay]:

@@ -5,6 +5,24 @@
     found.is_settled     nothing more has to be measured
     found.targets        else a Scheme of the block, in measuring order; None where no block helps (found.is_hopeless)
 
+A run is settled when the log odds of each name reach logit(until), for or against. What the explanation i, if it is
+true, still needs against j is therefore
+
+    N_ij = logit(until) - log odds now of the name in doubt in which they differ, as i has it; the largest of these
+
+and the doubt is the sum of p_i p_j over the pairs that differ in such a name: the probability that i is true and j is
+what another draw would have said. The block is taken that removes most of the doubt per unit of time,
+
+    sum_ij p_i p_j / (n_ij T)
+
+with T its time, moves, waits and touches included, and n_ij the number of such blocks that are expected to be needed
+(predictions.py). For a single pair that is the shortest expected time until it is settled; of several, those that end
+the most doubt in the least time come first, which makes the doubt, summed over time, least (Smith, Naval Research
+Logistics Quarterly 3 (1956) 59). So a block that settles wins over one that only starts, unless many of the latter are
+quicker; of those that settle the quickest wins; and what a block tells beyond that counts nothing, however long the
+wait. Information per time alone (Lindley, Ann. Math. Stat. 27 (1956) 986) does not know what is needed: it never waits,
+because the first reading always tells something at once.
+
 A pure function of its arguments: the same run gives the same block, in a replay too. These are facts;
 words/settling_words.py says them.
 """
@@ -14,6 +32,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from rosette_ros.core.diagnosis.diagnosis import RunSearch, search_of
 from rosette_ros.core.diagnosis.posterior import HEARD, Posterior
@@ -21,7 +40,14 @@ from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.block_ways import NEXT, BlockWay, continued, last_sense, ways
-from rosette_ros.core.planning.predictions import Predictor, best_fit, expected_share, information, members_of
+from rosette_ros.core.planning.predictions import (
+    Predictor,
+    best_fit,
+    expected_share,
+    information,
+    members_of,
+    share_of_need,
+)
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.touches import USUAL_PACE, Pace
@@ -38,10 +64,8 @@ LEAST = 0.02
 """Information of all readings of the best way, nats, below which no block of this cell helps."""
 LEADING = 5
 """Explanations whose way is shown."""
-FINALISTS = 4
-"""Blocks that are calculated exactly as they would be measured: the best ones of all."""
-HASTE = 0.3
-"""The block of the most information over this power of its time is taken: ten times the time is worth twice as much."""
+FINALISTS = 2
+"""Blocks with each wait that are calculated exactly, as they would be measured."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +128,10 @@ def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, p
     found = standing(run, model, until, uncertainty)
     if found.is_settled:
         return found
-    make = _parting if found.separates else _lowering
-    return make(search_of(run, model or Model()), found, readings, pace, refused)
+    search = search_of(run, model or Model())
+    if found.separates is None:
+        return _lowering(search, found, readings, pace, refused)
+    return _parting(search, found, readings, pace, until, refused)
 
 
 def standing(run: Run, model: Model | None = None, until: float = UNTIL,
@@ -134,7 +160,8 @@ def step_of(found: NextReadings, readings: int) -> SettlingStep:
 
 def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[SettlingStep, ...]:
     """Return what was known after each number of readings of a run, ascending; errors as of `next_readings`."""
-    return tuple(step_of(standing(run.take(list(range(size))), model), size) for size in sizes)
+    return tuple(step_of(standing(run if size == run.size else run.take(np.arange(size)), model), size)
+                 for size in sizes if size <= run.size)
 
 
 def leading(steps: Sequence[SettlingStep], most: int = LEADING) -> dict[tuple[str, ...], list[float]]:
@@ -147,9 +174,9 @@ def leading(steps: Sequence[SettlingStep], most: int = LEADING) -> dict[tuple[st
     return {names: [step.get(names, 0.0) for step in found] for names, _ in top.most_common(most)}
 
 
-def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
+def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace, until: float,
              refused: Sequence[Scheme]) -> NextReadings:
-    """Return what was found with the block that parts the explanations most."""
+    """Return what was found with the block that removes most of the doubt per unit of time."""
     run, pair = search.run, found.separates
     assert pair is not None
     likely = [pair.first, pair.second, *(one for one in found.contenders if one.probability > HEARD)]
@@ -157,20 +184,41 @@ def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
     p = np.array([one.probability for one in likely])
     p /= p.sum()
     predictor = Predictor(search, [members_of(search.posterior, one.names) for one in likely], p)
-    guessed = sorted((_guessed(predictor, way, readings, pace) for way in ways(run)), key=lambda one: -one[0])
+    need = _needed(found.contenders, [frozenset(one.names) for one in likely], until)
+    guessed = sorted((_guessed(predictor, way, need, readings, pace) for way in ways(run)), key=lambda one: -one[0])
     if max(every for _, _, every in guessed) < LEAST:
         return replace(found, is_hopeless=True)
     made = []
-    for _, block, _ in guessed[:FINALISTS + len(refused)]:
-        if not any(same(block, one) for one in refused):
-            longer = continued(run, block, pace)
-            square = predictor.predicted(longer).distances
-            made.append((float(information(p, square)), float(longer.time[-1] - run.time[-1]), block, square))
+    for wait in dict.fromkeys(block.wait[0] for _, block, _ in guessed):
+        some = [block for _, block, _ in guessed if block.wait[0] == wait]
+        for block in [block for block in some if not any(same(block, one) for one in refused)][:FINALISTS]:
+            size, twice = block.ball.size, np.tile(np.arange(block.ball.size), 2)
+            longer = continued(run, _taken(block, twice, block.wait[twice]), pace)
+            predicted, duration = predictor.predicted(longer), float(longer.time[run.size + size - 1] - run.time[-1])
+            square = predicted.distances(size)
+            made.append((_removed(p, square, predicted.distances(2 * size), need) / duration, duration, block, square))
     if not made:
         return replace(found, is_hopeless=True)
-    gain, duration, block, square = max(made, key=lambda one: one[0] / one[1]**HASTE)
+    _, duration, block, square = max(made, key=lambda one: one[0])
     pair = replace(pair, expected=expected_share(pair.now, float(square[0, 1])))
-    return replace(found, targets=block, gain=gain, duration=duration, separates=pair)
+    return replace(found, targets=block, gain=float(information(p, square)), duration=duration, separates=pair)
+
+
+def _needed(contenders: Sequence[Contender], likely: Sequence[frozenset[str]], until: float) -> Floats:
+    """Return the log odds that each of some explanations, by their names, would still need against each other one if it
+    were true, (m, m), nan where they differ in no name that is in doubt."""
+    wanted, need = special.logit(until), np.full((len(likely),) * 2, np.nan)
+    for name, p in in_names(contenders).items():
+        if 1 - until < p < until:
+            has = np.array([name in one for one in likely])
+            lacks = wanted - np.where(has, 1, -1) * special.logit(p)
+            need = np.fmax(need, np.where(has[:, None] != has, lacks[:, None], np.nan))
+    return need
+
+
+def _removed(p: Floats, square: Floats, twice: Floats, need: Floats) -> float:
+    """Return the doubt that a block removes: p_i p_j over the expected number of such blocks, of the pairs in doubt."""
+    return float(np.nansum(p[:, None] * p * share_of_need(square, twice, need)))
 
 
 def _lowering(search: RunSearch, found: NextReadings, readings: int, pace: Pace,
@@ -209,21 +257,20 @@ def _round(run: Run, spot: int, before: Scheme | None, readings: int) -> Scheme 
     return Scheme(run.n, NEXT, 0, position[:size], ball[:size], np.full(size, sense), table_offset=run.table_offset)
 
 
-def _guessed(predictor: Predictor, way: BlockWay, readings: int, pace: Pace) -> tuple[float, Scheme, float]:
-    """Return how much the readings of a way that part the explanations most do so for the time that they take, about,
-    these readings, and how much all of the way do, nats."""
+def _guessed(predictor: Predictor, way: BlockWay, need: Floats, readings: int,
+             pace: Pace) -> tuple[float, Scheme, float]:
+    """Return about how much of the doubt the readings of a way that tell most remove per second, these readings, and
+    the information of all readings of the way, nats."""
     run, every = predictor.run, way.every(predictor.run)
     guess = predictor.predicted(continued(run, every, pace))
-    some, gain = guess.chosen(readings)
-    block = _taken(every, np.sort(some))
-    rate = gain / float(continued(run, block, pace).time[-1] - run.time[-1])**HASTE
-    return rate, block, guess.information
+    some, square = guess.chosen(readings)
+    block = _taken(every, np.sort(some), np.append(every.wait[0], np.zeros(len(some) - 1)))
+    duration = float(continued(run, block, pace).time[-1] - run.time[-1])
+    return _removed(predictor.p, square, 2 * square, need) / duration, block, guess.information
 
 
-def _taken(scheme: Scheme, some: Ints) -> Scheme:
-    """Return some readings of a scheme, the wait before the first one included."""
-    wait = np.zeros(len(some))
-    wait[0] = scheme.wait[0]
+def _taken(scheme: Scheme, some: Ints, wait: Floats) -> Scheme:
+    """Return some readings of a scheme, with a wait before each."""
     return replace(scheme, **{name: getattr(scheme, name)[some] for name in (
         'table_position', 'ball', 'approach', 'touches', 'session')}, wait=wait)
 
@@ -236,13 +283,19 @@ def contenders_of(posterior: Posterior) -> tuple[Contender, ...]:
     return tuple(Contender(names, p) for names, p in sorted(out.items(), key=lambda one: -one[1]))
 
 
+def in_names(contenders: Sequence[Contender]) -> dict[str, float]:
+    """Return the probability that each name is there."""
+    p = Counter[str]()
+    for one in contenders:
+        p.update(dict.fromkeys(one.names, one.probability))
+    return p
+
+
 def in_doubt(contenders: Sequence[Contender], until: float) -> Separation | None:
     """Return the likeliest explanation and the likeliest one that lacks, or has, the name that is most in doubt.
 
     None where every name has a probability of `until` at least, or of 1 - until at most."""
-    best, p = contenders[0], Counter[str]()
-    for one in contenders:
-        p.update(dict.fromkeys(one.names, one.probability))
+    best, p = contenders[0], in_names(contenders)
     open_names = [name for name in sorted(p) if 1 - until < p[name] < until]
     if not open_names:
         return None

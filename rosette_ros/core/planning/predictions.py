@@ -18,6 +18,18 @@ and the information of the readings on them is at least
 
 (Kolchinsky and Tracey, Estimating mixture entropy with pairwise distances, Entropy 19 (2017) 361: Bhattacharyya
 distances).
+
+If i is true, a block moves the log odds of i against j by X ~ N(G, 2 G), G = d_ij^2 / 2, which is the Kullback-Leibler
+divergence. Of the log odds N that are still needed E (N - X)+ are expected to be left, so that m = 1 + E (N - X)+ / G
+times the growth of the block is needed (Wald, Sequential tests of statistical hypotheses, Ann. Math. Stat. 16 (1945)
+117). The block twice, one after the other, grows by G_2. With a power law through both, n blocks by G n^b,
+
+    b = log2(G_2 / G)    n = m^(1 / b)    share of what is needed = 1 / n, 0 .. 1
+
+b is 1 where readings tell something new each time, less where what the run so far leaves open limits them, more where
+the time between them tells. The share is not above 1 however much more a block tells. Divided by its time, it is one
+over the expected time until i is settled against j (Chernoff, Sequential design of experiments, Ann. Math. Stat. 30
+(1959) 755, for one need, b = 1 and blocks of one time).
 """
 
 from collections.abc import Sequence
@@ -39,6 +51,8 @@ ROUNDS = 3
 """Times that the sizes of members are taken from their amplitudes, from the likeliest one of all members together."""
 RANK, STEP = 1e-9, 1e-3
 """Share of the largest square sum of mixes of columns below which one is rounding; step of a derivative."""
+TINY = 1e-12
+"""Growth of log odds that is none."""
 NODES = 24
 """Points at which an expectation is taken."""
 Member = tuple[Effect, Setting]
@@ -57,9 +71,9 @@ class Predictions:
     mean: Floats
     spread: Floats
 
-    def chosen(self, count: int) -> tuple[list[int], float]:
+    def chosen(self, count: int) -> tuple[list[int], Floats]:
         """Return the readings, 0..S-1, that one after the other add most to the information on the explanations, and
-        this, nats; the mean covariance is taken for all."""
+        the squared distances (m, m) in them; the mean covariance is taken for all."""
         p, mean, size = self.p, self.mean.copy(), self.mean.shape[1] // 3
         spread = np.tensordot(p, self.spread, axes=1)
         square, out, place = np.zeros((len(p), len(p))), list[int](), np.arange(3 * size).reshape(size, 3)
@@ -76,15 +90,15 @@ class Predictions:
             held = np.linalg.solve(spread[np.ix_(rows, rows)] + np.eye(3), spread[rows])
             mean = mean - mean[:, rows] @ held
             spread = spread - spread[:, rows] @ held
-        return out, float(information(p, square))
+        return out, square
 
-    @property
-    def distances(self) -> Floats:
-        """The squared distances of the explanations in all readings together, (m, m)."""
-        every, out = self.spread + np.eye(self.mean.shape[1]), np.zeros((len(self.p), len(self.p)))
+    def distances(self, count: int) -> Floats:
+        """Return the squared distances of the explanations in the first readings, so many, together, (m, m)."""
+        mean, spread = self.mean[:, :3 * count], self.spread[:, :3 * count, :3 * count]
+        every, out = spread + np.eye(spread.shape[1]), np.zeros((len(self.p), len(self.p)))
         log_det = np.linalg.slogdet(every)[1]
         for i, j in combinations(range(len(self.p)), 2):
-            middle, apart = (every[i] + every[j]) / 2, self.mean[i] - self.mean[j]
+            middle, apart = (every[i] + every[j]) / 2, mean[i] - mean[j]
             square = apart @ np.linalg.solve(middle, apart)
             out[i, j] = out[j, i] = square + 4 * np.linalg.slogdet(middle)[1] - 2 * (log_det[i] + log_det[j])
         return out
@@ -100,6 +114,19 @@ class Predictions:
 def information(p: Floats, square: Floats) -> Floats:
     """Return the information of readings on explanations p (m,), nats, from squared distances (..., m, m)."""
     return np.asarray(-np.log(np.exp(-square / 8) @ p) @ p)
+
+
+def share_of_need(square: Floats, twice: Floats, need: Floats) -> Floats:
+    """Return the share of the needed log odds that a block is expected to give, 0..1: one over the expected number.
+
+    square, twice: squared distances of pairs in the block, and in it twice; need: log odds that each lacks, above 0, of
+    the same shape."""
+    growth = np.maximum(square / 2, TINY)
+    lacking, sd = need - growth, np.sqrt(2 * growth)
+    z = lacking / sd
+    left = lacking * special.ndtr(z) + sd * np.exp(-z**2 / 2) / np.sqrt(2 * np.pi)
+    power = np.log2(np.maximum(twice / (2 * growth), 1 + TINY))
+    return np.asarray((1 + left / growth)**(-1 / power))
 
 
 def expected_share(share: float, square: float) -> float:

@@ -128,14 +128,16 @@ def shares_of_plans(plans: Sequence[Outlook]) -> Figure:
 def way_to_the_cause(steps: Sequence[SettlingStep], until: float) -> Figure:
     """Return a figure of the probabilities of the leading explanations, and of U, after the readings of each step.
 
-    until: the probability from which on an explanation is settled."""
+    until: the probability from which on an explanation is settled, 0 for any."""
     made, panels = style.figure(4.4, 2)
     above, below = panels[:, 0]
     readings = [step.readings for step in steps]
     for place, (names, p) in enumerate(leading(steps).items()):
         words = contender_words(Contender(names, p[-1]))
         above.plot(readings, p, linewidth=1.0, markersize=3, label=words, **style.look_of(place))
-    above.axhline(until, color=style.GREY, linewidth=1.0, linestyle=style.DASHED, label=f'settled, {100 * until:g} %')
+    if until:
+        above.axhline(until, color=style.GREY, linewidth=1.0, linestyle=style.DASHED,
+                      label=f'settled, {100 * until:g} %')
     above.set(ylim=(0, 1.05), ylabel='probability')
     above.set_title('Explanations')
     below.plot(readings, [1e6 * step.uncertainty for step in steps], color=style.AFTER, linewidth=1.0, marker='o',

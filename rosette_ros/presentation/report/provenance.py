@@ -42,7 +42,9 @@ class FileDigest:
 class Source:
     """Where a run comes from; begun, ended: first and last entry of the log; order: as the cell named it; '' if none.
 
-    identity: who, what and where; contradictions: in words, what a file states other than the log; run_id: of the run.
+    until, asked: probability from which on a run that was measured until it is known is settled, 0 for any, and after
+    how many readings it was asked; identity: who, what and where; contradictions: in words, what a file states other
+    than the log; run_id: of the run.
     """
 
     path: str
@@ -54,6 +56,8 @@ class Source:
     identity: Identity = field(default_factory=Identity)
     contradictions: tuple[str, ...] = ()
     run_id: str | None = None
+    until: float = 0.0
+    asked: tuple[int, ...] = ()
 
     @cached_property
     def spheres(self) -> SphereRefit | None:
@@ -76,10 +80,11 @@ def source_of(path: Path | str, log: LogRun, run: Run, file: Path | str | None =
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     beside = [(name, (folder / name).read_bytes()[:LONGEST].decode('utf-8', errors='replace'))
               for name in BESIDE if (folder / name).is_file()]
+    until, asked = log.asked.get(run.run_id, (0.0, ()))
     entries = '\n'.join(f'{key}: {value}' for key, value in sorted(log.custom_data.items()))
     return Source(str(path), tuple(map(digest, log.files)), instant(log.start_ns), order,
                   (*beside, *([('entries of the log', entries)] if entries else [])), instant(log.end_ns),
-                  *stated(log.identity(run.run_id), file), run.run_id)
+                  *stated(log.identity(run.run_id), file), run.run_id, until, tuple(asked))
 
 
 def digest(path: Path | str) -> FileDigest:

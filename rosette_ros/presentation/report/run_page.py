@@ -12,7 +12,9 @@ from rosette_ros.core.error_summary import difference, doubt_of, fit_lines, refu
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.surroundings import MOST_BALLS
+from rosette_ros.core.planning.next_readings import SettlingStep, steps_of
 from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.reduced_sets import relative_uncertainty
@@ -69,7 +71,7 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     annex with all other figures and tables is added, on paper, too."""
     refit, untouched = touches_of(source)
     made = budget_of(summary, refit, inputs)
-    pictures = pictures or pictures_of(summary, overlays, refit, made, annexed)
+    pictures = pictures or pictures_of(summary, overlays, refit, made, annexed, source)
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, verdict=verdict_text(summary.verdict), source=source, iso=text.iso_range(run.rotation),
@@ -117,17 +119,19 @@ def budget_of(summary: Summary, refit: SphereRefit | None = None,
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
-                made: Budget | None = None, annexed: bool = True) -> dict[str, Figure]:
+                made: Budget | None = None, annexed: bool = True, source: Source | None = None) -> dict[str, Figure]:
     """Return every figure of a summary by name, in the order of the page; their captions are in the template.
 
     refit: the spheres fitted to the touches, where there are any; made: the uncertainty budget, likewise; annexed: with
-    those of the annex.
+    those of the annex; source: of the run, with which the way is shown of one that was measured until it is known.
     """
     run, fits = summary.run, fits_of(summary)
     rows = [Residuals(label, run, fit.residual) for label, fit in fits]
     now = made.error_motions if made and made.inputs.is_stated else summary.fit.error_motions
     series = [*(Series(label, fit.error_motions) for label, fit in fits[1:]), Series(fits[0][0], now), *overlays]
     pages = {'curves': six_curves(series), 'residual_maps': residual_plots.residual_maps(rows)}
+    if source and (steps := way_of(run, summary.model, source)):
+        pages['way'] = plan_plots.way_to_the_cause(steps, source.until)
     if not annexed:
         return pages
     found = summary.diagnosis.candidates[:MOST_CANDIDATES]
@@ -147,6 +151,11 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
         **({} if run.is_complete else {'uncertainty': plan_plots.uncertainty_by_share(run.n, [_point(run)])}),
         'visibility': _visibility(summary),
         **({'touch_residuals': touch_plots.touch_residuals(refit)} if refit else {})}
+
+
+def way_of(run: Run, model: Model, source: Source) -> tuple[SettlingStep, ...]:
+    """Return what was known each time that it was asked whether a run is settled, where more was then measured."""
+    return steps_of(run, model, source.asked) if len(source.asked) > 1 else ()
 
 
 def _differences(motions: ErrorMotions, overlays: Sequence[Series]) -> list[Series]:

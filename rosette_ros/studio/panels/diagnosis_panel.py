@@ -50,8 +50,9 @@ class VerdictPanel:
     """The banner: outcome by icon, words and colour; sentence; action; the calculation that is running."""
 
     def __init__(self, controller: Controller, on_preview: Callable[[], Awaitable[None]], on_add: Callable[[], None],
-                 on_diagnose: Callable[[], None]) -> None:
-        """Build it; on_preview(), on_add(): take all missing effects together."""
+                 on_diagnose: Callable[[], None], on_settle: Callable[[], Awaitable[None]]) -> None:
+        """Build it; on_preview(), on_add(): take all missing effects together; on_settle(): choose the readings that
+        settle what is in doubt."""
         self._controller = controller
         self._box = marked(ui.element('section').classes('verdict').props('aria-label="Verdict"'), 'verdict')
         with self._box:
@@ -61,6 +62,7 @@ class VerdictPanel:
                 self._outcome, self._sentence = (
                     marked(ui.label('').classes(name), f'verdict-{name}') for name in ('outcome', 'sentence'))
                 self._causes = widgets.Area(marked(ui.element('div'), 'verdict-causes'))
+                self._next = marked(ui.label(''), 'verdict-next')
                 self._action = marked(ui.label('').classes('action'), 'verdict-action')
                 with ui.element('div').classes('progress small') as self._progress:
                     ui.spinner(size='18px').props('aria-hidden=true')
@@ -69,6 +71,8 @@ class VerdictPanel:
                 self._preview = button('Preview', on_preview, 'visibility', 'verdict-preview', True,
                                        'Show what it changes (p)')
                 self._add = button('Add', on_add, 'add', 'verdict-add', hint='Add to the model (a)')
+                self._settle = button('Settle this', on_settle, 'rule', 'verdict-settle', hint='Choose the readings '
+                                      'that tell the explanations apart, and save them as a plan')
                 self._diagnose = button('Diagnose', on_diagnose, 'search', 'diagnose', strong=True)
 
     def show(self, opened: OpenedRun) -> None:
@@ -102,6 +106,9 @@ class VerdictPanel:
         for one, verb in ((self._preview, 'Preview'), (self._add, 'Add')):
             one.set_visibility(bool(missing) and self._controller.session.preview is None)
             one.set_text(f'{verb} {what}')
+        explanations = results.summary.diagnosis.explanations if results.summary else ()
+        self._settle.set_visibility(len({one.members for one in explanations}) > 1)
+        self._next.set_text((self._controller.answer('next') or ('',))[0])
         self._causes.show(self._show_causes, verdict)
 
     def _show_causes(self, verdict: Verdict | None) -> None:

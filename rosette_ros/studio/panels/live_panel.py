@@ -37,6 +37,8 @@ CURVES_PERIOD = 0.6
 MOST_CELLS = 4
 """So many cells are watched at once; of more, the one connected first is dropped."""
 SEEDS = range(2**53)
+PERCENT = range(51, 100)
+"""Probabilities until which a run may be measured."""
 
 
 class LivePanel:
@@ -108,6 +110,7 @@ class CellPanel:
             orders = {'': 'as configured', **{name: name for name in ORDERS}}
             self._order = input_field(ui.select(orders, label='order', value=''), 'order', 'width: 190px')
             self._seed = widgets.whole_field('seed', 0, SEEDS, 'seed')
+            self._until = widgets.whole_field('until, %', None, PERCENT, 'until')
         with row():
             self._start = button('Start', self._calibrate, 'play_arrow', 'start', strong=True)
             self._cancel = button('Cancel', self._watcher.cancel, 'stop', 'cancel')
@@ -120,8 +123,9 @@ class CellPanel:
         self._open = button('Open this log', self._open_log, 'folder_open', 'open-log', strong=True)
 
     def _calibrate(self) -> None:
-        if self._seed.validate():
-            self._watcher.calibrate(order=self._order.value, seed=int(self._seed.value or 0))
+        if self._seed.validate() and self._until.validate():
+            self._watcher.calibrate(order=self._order.value, seed=int(self._seed.value or 0),
+                                    until_probability=(self._until.value or 0) / 100)
 
     async def _open_log(self) -> None:
         if self._watcher.outcome and self._watcher.outcome.log:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is calculated on request: budget, orders for the next run, touches, runs over each other and as one."""
+"""What is calculated on request: budget, orders for the next run, touches, way to the cause, several runs."""
 
 from collections.abc import Awaitable, Callable, Sequence
 
@@ -83,6 +83,22 @@ class TouchPanel:
     def show(self, opened: OpenedRun) -> None:
         """Show what was found, where it is of the run that is shown."""
         self._result.show(_fill_touches, self._controller.answer('touches'))
+
+
+class WayPanel:
+    """How a run that was measured until it is known came to its cause; calculated on request."""
+
+    def __init__(self, controller: Controller, on_show: Callable[[], Awaitable[None]]) -> None:
+        """Build it; on_show(): judge the run after each block."""
+        self._controller = controller
+        with widgets.folded_card('Way to the cause', 'way') as self._card:
+            button('Judge after each block', on_show, 'timeline', 'way-go')
+            self._result = widgets.result_area('way-result')
+
+    def show(self, opened: OpenedRun) -> None:
+        """Show the way of a run to which readings were added, where it is of the run and the model that are shown."""
+        self._card.set_visibility(opened.source is not None and len(opened.source.asked) > 1)
+        self._result.show(_fill_way, self._controller.answer('way'))
 
 
 class RunsPanel:
@@ -179,6 +195,11 @@ def _fill_touches(shown: ShownTouches | None) -> None:
     for table in shown.tables:
         plain_table(table)
         ui.label(table.note).classes('soft')
+
+
+def _fill_way(drawn: str | None) -> None:
+    if drawn:
+        widgets.picture(drawn, 'Probability of the leading explanations, and U, against readings', 'way-figure')
 
 
 def _fill_overlay(every: dict[str, ErrorMotions] | None) -> None:
