@@ -132,7 +132,8 @@ def diagnose(run: Run, model: Model | None = None, without: str = '') -> Diagnos
     such that no calculation ends.
     """
     with _bounded(run):
-        return search_of(run, model or Model(), without).diagnosis
+        search = RunSearch(run, model or Model(), without) if without else search_of(run, model or Model())
+        return search.diagnosis
 
 
 def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:
@@ -166,9 +167,9 @@ def _bounded(run: Run) -> Iterator[None]:
 
 
 @lru_cache(maxsize=1)
-def search_of(run: Run, model: Model = Model(), without: str = '') -> 'RunSearch':  # noqa: B008 (it is frozen)
+def search_of(run: Run, model: Model = Model()) -> 'RunSearch':  # noqa: B008 (it is frozen)
     """Return the search on a run; arguments as of `diagnose`."""
-    return RunSearch(run, model, without)
+    return RunSearch(run, model)
 
 
 class RunSearch:

@@ -9,7 +9,8 @@ from rosette_ros.core.diagnosis.noise_kinds import DEGREES, EXACT, NOT_WHITE
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, resolution_of
 
-DRAWS = 100
+DRAWS, PARTS = 100, 5
+"""Runs of noise, and in how many parts they are looked at, one after the other, to save memory."""
 TAIL = 10
 """Draws beyond which the probability falls as that of a log Bayes factor does: by e for each unit (Markov)."""
 EM_STEPS = 30
@@ -23,8 +24,13 @@ def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
     if is_coarse(fitted):
         noise = _rounded(fitted, noise)
     rows = evidence.space.free(noise).reshape(DRAWS, -1)
+    return np.sort(np.concatenate([_best_of(evidence, some) for some in np.split(rows, PARTS)]))[::-1]
+
+
+def _best_of(evidence: Evidence, rows: Floats) -> Floats:
+    """Return what the best hypothesis is worth in each of some rows of noise, (k,), freed of the model, (k, 3 N)."""
     left, bank = np.sum(rows**2, axis=1, dtype=float), evidence.bank
-    log_bf = np.full((bank.ends[-1], DRAWS), -np.inf, np.float32)
+    log_bf = np.full((bank.ends[-1], len(rows)), -np.inf, np.float32)
     square = (SIZES[::4]**2).astype(np.float32)
     for key, products in bank.products(rows, evidence.space.whitening).items():
         blocks, group = evidence.blocks[key], bank.groups[key]
@@ -37,10 +43,11 @@ def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
         worth = np.log(np.maximum(1 - fall / left.astype(np.float32), 1e-7))
         worth = -0.5 * np.log(grown).sum(axis=2)[..., None] - 0.5 * evidence.dof * worth
         log_bf[blocks.number] = log_mean(worth.transpose(0, 2, 1))
-    best = np.full(DRAWS, -np.inf)
-    for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]):
-        best = np.maximum(best, log_mean(log_bf[start:end].T) + family.log_prior)
-    return np.sort(best)[::-1]
+    start, count = bank.ends[:-1], np.diff(bank.ends)
+    top = np.maximum.reduceat(log_bf, start)
+    mean = np.add.reduceat(np.exp(log_bf - np.repeat(top, count, axis=0)), start) / count[:, None]
+    prior = np.array([family.log_prior for family in bank.families])
+    return np.asarray(np.max(top + np.log(mean) + prior[:, None], axis=0))
 
 
 def p_of(gain: float, null: Floats) -> float:

@@ -174,9 +174,12 @@ class Places:
 
     @cached_property
     def _along(self) -> list[list[tuple[int, Any]]]:
-        """The axes of each of PARTS, and the sparse equations along them, (N, q)."""
-        return [[(axis, self.design[axis::3, part]) for axis in range(3)[axes]]
-                for (axes, _), part in zip(PARTS, self.parts)]
+        """The axes of each of PARTS, and the equations along them, (N, q), dense where these are few."""
+        every = [[(axis, self.design[axis::3, part]) for axis in range(3)[axes]]
+                 for (axes, _), part in zip(PARTS, self.parts)]
+        if self.n > _LARGE:
+            return every
+        return [[(axis, one.toarray()) for axis, one in each] for each in every]
 
     def columns(self, unknowns: Floats, white: Whitening) -> Floats:
         """Return what unknowns (12 n, m) do to the readings, in white coordinates, (m, N, 3)."""

@@ -165,7 +165,7 @@ class Whitening:
         self.size, self.sd = size, sd
         wander = np.zeros(3) if wander is None else wander
         self._phi, self._wander = phi, wander
-        self._made: dict[int, AxisFilter] = {}
+        self._made: dict[tuple[float, float] | int, AxisFilter] = {}
         self.is_plain = self.by_axis and bool(np.all(self.sd == 1))
         self.is_diagonal = not wander.any()
 
@@ -176,10 +176,11 @@ class Whitening:
 
     def along(self, axis: int) -> 'AxisFilter':
         """Return W of one axis."""
-        if axis not in self._made:
+        key = (float(self.sd[axis]), float(self._wander[axis])) if self.sd.ndim == 1 else axis
+        if key not in self._made:
             sd = np.broadcast_to(self.sd, (self.size, 3))[:, axis]
-            self._made[axis] = AxisFilter(sd, self._phi, float(self._wander[axis]))
-        return self._made[axis]
+            self._made[key] = AxisFilter(sd, self._phi, float(self._wander[axis]))
+        return self._made[key]
 
     def log_det_of(self, axes: Sequence[int]) -> float:
         """Return the logarithm of det C of some axes."""
@@ -253,10 +254,13 @@ class AxisFilter:
         return np.asarray(inverse @ both[1]), inverse[:, :, 0]
 
     def normal_equations(self, columns: Any) -> Floats:
-        """Return (W A)' W A, (q, q), of sparse columns A (N, q).
+        """Return (W A)' W A, (q, q), of columns A (N, q), dense where these are few, or sparse.
 
         W of a block is that of its readings, and the first column of G^-1 times what the block before hands on: one
         number for each column of A, which follows from the rows of that block and from what was handed to it."""
+        if isinstance(columns, np.ndarray):
+            own = self.of_columns(columns)
+            return np.asarray(own.T @ own)
         if not self._wanders:
             white = scipy.sparse.diags_array(1 / self._sd) @ columns
             return np.asarray((white.T @ white).toarray())
