@@ -37,7 +37,7 @@ from rosette_ros.cli.console import (
     say,
     warn,
 )
-from rosette_ros.cli.data import broken_off, counts_of
+from rosette_ros.cli.info import broken_off, counts_of
 from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.diagnosis.comparison import Comparison

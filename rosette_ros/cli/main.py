@@ -60,7 +60,7 @@ GROUPS = {
         'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
         'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check')},
     'archive': {
-        'info': ('data', 'what is in a run'),
+        'info': ('info', 'what is in a run'),
         'runs': ('evaluate', 'the runs in a folder, with their verdicts'),
         'archive': ('archive', 'many runs of many cells: add, ask, evaluate under another model'),
         'trend': ('archive', 'how a table changes over the runs of an archive; when to calibrate again'),

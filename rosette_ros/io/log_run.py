@@ -32,6 +32,7 @@ REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_d
 AXES_KEY = 'rosette.repeatability_axes_m'
 """Entries of custom_data where the repeatability is known but was not measured in the log."""
 RESUMES_KEY = 'rosette.resumes'  # entry of custom_data, name of the log that a run goes on from
+NOTES_KEY = 'rosette.notes'  # the same, how a table was read and what is doubtful in it, a line each
 SIMULATED_KEY = 'rosette.simulated'  # entry of custom_data, `yes` where the run was simulated
 CMM_NODE, SIMULATED_STATUS = 'cmm', 'simulated_s'
 """Name of the node of a CMM, and the entry of its status on /diagnostics that only a simulated one has."""

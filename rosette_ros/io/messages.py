@@ -197,9 +197,9 @@ class Rows(Sequence[Row]):
         if isinstance(place, slice):
             return [self[one] for one in range(len(self))[place]]
         row = range(len(self))[place]
-        return self._kind._make(
+        return self._kind._make([
             self._texts[column[row]] if is_text else tuple(column[3 * row:3 * row + 3]) if is_point else column[row]
-            for column, is_text, is_point in self._columns)
+            for column, is_text, is_point in self._columns])
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and list(self) == list(other)

@@ -6,7 +6,7 @@ so the same messages give the same numbers, bit for bit."""
 
 import hashlib
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,7 @@ class RunAnswers:
         if before is None or _when_asked(target) >= _when_asked(before):
             self._last[seq] = len(self.targets) - 1
             for name, answered in self._answered_in.items():
-                (answered.add if self._usable(seq, (name,)) else answered.discard)(seq)
+                (answered.add if self._usable(target, (name,)) else answered.discard)(seq)
 
     def add_answer(self, answer: Answer) -> None:
         """Take an answer of this run."""
@@ -111,7 +111,7 @@ class RunAnswers:
 
     def with_centres(self, centres: Mapping[int, tuple[float, float, float]]) -> 'RunAnswers':
         """Return the run with other centres, by seq, of the answers that count."""
-        changed, counting = RunAnswers(self.run_id, self.frames), {self._counting_row(seq) for seq in self._last}
+        changed, counting = RunAnswers(self.run_id, self.frames), {row for _, row, _ in self._counting()}
         for target in self.targets:
             changed.add_target(target)
         for row, answer in enumerate(self.answers):
@@ -133,22 +133,23 @@ class RunAnswers:
         """The last session of the run, 0 before the first target."""
         return max((target.session for target in self._asked()), default=0)
 
-    def _usable(self, seq: int, frames: Collection[str] = ()) -> dict[int, Answer]:
+    def _usable(self, target: Target, frames: Collection[str] = ()) -> dict[int, Answer]:
         """Return the answers that may count for a target, by their rows."""
-        target, frames = self.last_target(seq), frames or self.in_frames
-        return {row: answer for row in self._by_seq.get(seq, ()) if target and (answer := self.answers[row]).frame
-                in frames and answer.is_usable_for(target)}
+        frames = frames or self.in_frames
+        return {row: answer for row in self._by_seq.get(target.seq, ())
+                if (answer := self.answers[row]).frame in frames and answer.is_usable_for(target)}
 
-    def _counting_row(self, seq: int) -> int | None:
-        """Return the row of the answer that counts for a target, None where there is none."""
-        usable, target = self._usable(seq), self.last_target(seq)
-        return next((row for row, one in usable.items() if target and one.stamp_ns >= target.stamp_ns),
-                    next(iter(usable), None))
+    def _counting(self, some: Iterable[int] | None = None) -> Iterator[tuple[Target, int, Answer]]:
+        """Yield targets, as asked last, with the answers that count for them and their rows; some: their seq."""
+        for seq in sorted(self._last) if some is None else some:
+            target = self.last_target(seq)
+            if target is not None and (usable := self._usable(target)):
+                row = next((row for row, one in usable.items() if one.stamp_ns >= target.stamp_ns), next(iter(usable)))
+                yield target, row, usable[row]
 
     def answer_to(self, seq: int) -> Answer | None:
         """Return the answer that counts for a target, None where there is none."""
-        row = self._counting_row(seq)
-        return None if row is None else self.answers[row]
+        return next((answer for _, _, answer in self._counting([seq])), None)
 
     def failed(self) -> list[Target]:
         """Return the targets that were answered, but by no answer that counts, in order of seq."""
@@ -160,8 +161,7 @@ class RunAnswers:
         return list(self._pairs())
 
     def _pairs(self) -> Iterator[tuple[Target, Answer]]:
-        return ((self.targets[self._last[seq]], answer) for seq in sorted(self._last)
-                if (answer := self.answer_to(seq)) is not None)
+        return ((target, answer) for target, _, answer in self._counting())
 
     @property
     def answered(self) -> int:
@@ -389,7 +389,7 @@ class RunAnswers:
     def remarks(self) -> tuple[str, ...]:
         """What is wrong with the answers, in words: two to one target that was asked once, mistakes of the CMM."""
         sessions = Counter(seq for seq, _ in {(target.seq, target.session) for target in self.targets})
-        several = ((target, [one.centre for one in self._usable(target.seq).values()]) for target in self._asked()
+        several = ((target, [one.centre for one in self._usable(target).values()]) for target in self._asked()
                    if target.attempt == sessions[target.seq] == 1 and len(self._by_seq.get(target.seq, ())) > 1)
         apart = {str(target): float(np.ptp(each, axis=0).max()) for target, each in several if len({*each}) > 1}
         return (*remark_on_two_answers(apart), *remarks_on_answers(self.counting()))

@@ -19,8 +19,6 @@ from rosette_ros.io.type_definitions import TypeLibrary
 
 TARGET_TOPIC, ANSWER_TOPIC, FRAME_TOPIC = '/rosette/probe_target', '/rosette/ball_centre', '/tf_static'
 MAX_SECONDS = 2**31  # seconds that a ROS time stamp can hold
-NOTES_KEY = 'rosette.notes'
-"""In custom_data: how the table was read, and what is doubtful in it, a line each."""
 LATCHED = Qos(durability='transient_local')
 
 
@@ -85,7 +83,7 @@ def _frame_message(rotation: Floats) -> dict[str, Any]:
 def _known(run: Run) -> dict[str, str]:
     known = {'rosette.source': str(run.source)}
     if said := (*run.notes, *run.remarks):
-        known[NOTES_KEY] = '\n'.join(said)
+        known[log_run.NOTES_KEY] = '\n'.join(said)
     if run.simulated:
         known[log_run.SIMULATED_KEY] = 'yes'
     if run.repeatability is not None:

@@ -13,7 +13,7 @@ from made_up_log import CHANNEL, CHUNK, FOOTER, MESSAGE, SCHEMA, parsed, small_l
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from rosette_ros.cli.data import log_facts, run_rows
+from rosette_ros.cli.info import log_facts, run_rows
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.touch_log import refit_of

@@ -13,13 +13,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
 from rosette_ros.core.effects.effect import Effect, Factors, Setting
 from rosette_ros.core.effects.free import FREE, motions
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.model.base_space import BaseSpace
+from rosette_ros.core.model.base_space import BaseSpace, Waves
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.records import Floats, Ints, Run
@@ -29,7 +28,7 @@ Key = tuple[int, bool]
 """Number of columns of the blocks of a group, and whether they are free courses."""
 DEPENDENT = 1e-6
 """Eigenvalue of columns of unit length below which a direction is one of the others: rounding in single precision."""
-WIDTHS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 72, 96, 144, 288, 576, 1152])
+WIDTHS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 28, 36, 48, 72, 96, 144, 192, 288, 576, 1152])
 """Numbers of columns of blocks that are looked at together; blocks of fewer are filled with zeros."""
 CHUNK = 4_000_000
 """Numbers of columns that are written out at once."""
@@ -46,11 +45,11 @@ class CoordinateSpace(JointSpace):
         own: NDArray[Real] = rows.reshape(len(rows), -1) @ self._mixed.astype(rows.dtype).T
         return np.concatenate([self.space.inside(rows), own], axis=1)
 
-    def inside_of(self, waves: Any, directions: NDArray[Any]) -> NDArray[np.float32]:
-        """Return these coordinates (m, d, k) of waves (m, N) times directions (d, N, 3) in diagonal noise, single."""
+    def inside_of(self, waves: Waves, directions: NDArray[Any]) -> NDArray[np.float32]:
+        """Return these coordinates (m, d, k) of m waves times directions (d, N, 3) in diagonal noise, single."""
         white, count = directions * self.whitening.factors, len(self._mixed)
         mixed = np.einsum('dnc,knc->ndk', white, self._mixed.reshape(count, *white.shape[1:])).astype(np.float32)
-        own = (waves @ mixed.reshape(len(mixed), len(white) * count)).reshape(waves.shape[0], len(white), count)
+        own = waves.times(mixed.reshape(len(mixed), len(white) * count)).reshape(waves.rows, len(white), count)
         return np.concatenate([self.space.inside_of(waves, directions), own], axis=2)
 
 
@@ -94,7 +93,7 @@ class Piece:
 class ColumnSet:
     """Columns that share directions: waves (v, m, N) times directions (d, N, 3), column (v, m, d).
 
-    Waves that are zero beside as many readings each are kept as sparse rows of as many entries, (v m, N).
+    Waves that are zero beside few readings are kept at these.
     """
 
     def __init__(self, factors: Sequence[Factors]) -> None:
@@ -112,9 +111,7 @@ class ColumnSet:
             waves[own, :, :one.waves.shape[2]] = one.waves
             if one.at is not None:
                 at[own, :len(one.at)] = one.at
-        self._at = None if factors[0].at is None else at
-        self._values = waves
-        self.waves = self._rows(waves, slice(0, self.v))
+        self.waves = Waves(waves, None if factors[0].at is None else at)
         self.size = self.v * self.m * len(self.directions)
         self._pairs(size)
 
@@ -128,19 +125,6 @@ class ColumnSet:
         self.pair = np.full(used.shape, len(self.pairs))  # where there is nothing in common: the last, which is zero
         self.pair[self.pairs[:, 0], self.pairs[:, 1]] = self.pair[self.pairs[:, 1], self.pairs[:, 0]] = np.arange(
             len(self.pairs))
-
-    def _rows(self, values: Reals, waves: slice) -> Any:
-        """Return functions (v, k, n) at the readings of some waves as rows (v k, N), dense or sparse."""
-        if self._at is None:
-            return values.reshape(-1, values.shape[2])
-        count = len(values) * values.shape[1]
-        index = np.repeat(self._at[waves], values.shape[1], axis=0).reshape(-1)
-        return scipy.sparse.csr_array((values.reshape(-1), index, np.arange(count + 1) * values.shape[2]),
-                                      (count, self.directions.shape[1]))
-
-    def rows(self, waves: slice) -> Any:
-        """Return some waves as rows (v m, N)."""
-        return self.waves[waves.start * self.m:waves.stop * self.m]
 
     def blocks(self) -> Iterator[tuple[list[int], Ints, Ints]]:
         """Yield the settings with as many directions each by their numbers, their waves, rising, and directions."""
@@ -161,10 +145,11 @@ class ColumnSet:
 
     def squares(self, waves: slice, dots: Reals) -> Reals:
         """Return the products of some waves with each other and the products of directions, (v, m, m, p + 1)."""
-        values = self._values[waves].astype(dots.dtype, copy=False)
+        some = self.waves.within(waves)
+        values = some.values.astype(dots.dtype, copy=False)
         out = np.empty((len(values), self.m, self.m, dots.shape[1]), dots.dtype)
         for k in range(self.m):
-            made = self._rows(values[:, k:k + 1] * values[:, k:], waves) @ dots
+            made = Waves(values[:, k:k + 1] * values[:, k:], some.at).times(dots)
             out[:, k, k:] = out[:, k:, k] = made.reshape(len(values), self.m - k, -1)
         return out
 
@@ -176,9 +161,12 @@ class ColumnSet:
 
     def dense(self, waves: slice) -> Reals:
         """Return all columns of some waves, written out, (columns, N, 3)."""
-        rows: Any = self.rows(waves)
-        rows = rows if isinstance(rows, np.ndarray) else rows.toarray()
-        return np.asarray((rows[:, None, :, None] * self.directions).reshape(-1, *self.directions.shape[1:]))
+        some, rows = self.waves.within(waves), self.waves.values[waves]
+        if some.at is not None:
+            rows = np.zeros((*rows.shape[:2], self.directions.shape[1]), rows.dtype)
+            for reading, value in zip(some.at.T, some.values.transpose(2, 0, 1)):
+                rows[np.arange(len(reading)), :, reading] += value
+        return np.asarray((rows[:, :, None, :, None] * self.directions).reshape(-1, *self.directions.shape[1:]))
 
     def rows_of(self, of: Reals, wave: Ints, which: Ints) -> Reals:
         """Return the rows of blocks, (b, q, k), among those of all columns of some waves, (columns, k)."""
@@ -189,7 +177,7 @@ class ColumnSet:
     def products(self, rows: Reals) -> Reals:
         """Return the products of all columns with raw rows (k, N, 3), (columns, k)."""
         weighted = np.matmul(self.directions.transpose(1, 0, 2), rows.transpose(1, 2, 0))  # (N, d, k)
-        return np.asarray(self.waves @ weighted.reshape(len(weighted), -1)).reshape(self.size, len(rows))
+        return np.asarray(self.waves.times(weighted.reshape(len(weighted), -1)).reshape(self.size, len(rows)))
 
 
 @dataclass(eq=False)
@@ -270,10 +258,11 @@ class Bank:
         size, flat = self.run.size, part.directions.astype(float).transpose(1, 0, 2)
         dots = part.dots(np.ones((size, 3)))
         for waves in part.chunks(12 * self.run.n):
-            rows = part.rows(waves).astype(float)
-            mean = (rows @ flat.reshape(size, -1)).reshape(-1, 3) / np.sqrt(size)
+            some = part.waves.within(waves)
+            mean = some.times(flat.reshape(size, -1)).reshape(-1, 3) / np.sqrt(size)
             if pieces[0].key[1]:
-                square = (rows * rows @ np.sum(flat**2, axis=2)).reshape(-1, 1) - np.sum(mean**2, axis=1, keepdims=True)
+                square = Waves(some.values.astype(float)**2, some.at).times(np.sum(flat**2, axis=2)).reshape(-1, 1)
+                square -= np.sum(mean**2, axis=1, keepdims=True)
             else:
                 squares = part.squares(waves, dots)
             for piece in pieces:
@@ -305,7 +294,8 @@ class Bank:
                     white = whitening.apply(part.dense(waves))
                     inside, white = space.inside(white), white.reshape(len(white), -1)
                 else:
-                    squares, inside = part.squares(waves, dots), space.inside_of(part.rows(waves), part.directions)
+                    squares = part.squares(waves, dots)
+                    inside = space.inside_of(part.waves.within(waves), part.directions)
                 for piece in pieces:
                     own, wave, which = piece.within(waves)
                     group, begin = self.groups[piece.key], piece.place.start

@@ -132,8 +132,7 @@ def diagnose(run: Run, model: Model | None = None, without: str = '') -> Diagnos
     such that no calculation ends.
     """
     with _bounded(run):
-        search = RunSearch(run, model or Model(), without) if without else search_of(run, model or Model())
-        return search.diagnosis
+        return (RunSearch(run, model or Model(), without) if without else search_of(run, model or Model())).diagnosis
 
 
 def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:

@@ -59,6 +59,44 @@ class BaseParameters:
     cmm: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """Functions of the readings, (v, m, N), or (v, m, r) at the readings `at`, (v, r), beside which they are zero."""
+
+    values: NDArray[np.float32]
+    at: Ints | None = None
+
+    @property
+    def rows(self) -> int:
+        """How many they are, v m."""
+        return self.values.shape[0] * self.values.shape[1]
+
+    def within(self, some: slice) -> 'Waves':
+        """Return some of them."""
+        return Waves(self.values[some], None if self.at is None else self.at[some])
+
+    def times(self, right: NDArray[Real]) -> NDArray[Real]:
+        """Return their products with something at each reading, (N, k), (v m, k), of its precision."""
+        values = self.values.astype(right.dtype, copy=False)
+        made = values.reshape(-1, len(right)) @ right if self.at is None else np.matmul(values, right[self.at])
+        return made.reshape(self.rows, right.shape[1])
+
+    def sums(self, right: NDArray[np.float32], label: Ints, members: Ints) -> NDArray[np.float32]:
+        """Return the same by label, of which there are n: (n, v m, k).
+
+        right: (N + 1, k), 0 at the end; label: (N,) from 0; members: (n, r) readings of each, N where there are fewer.
+        """
+        if self.at is None:
+            rows = self.values.reshape(-1, len(label))
+            rows = np.concatenate([rows, np.zeros((len(rows), 1), rows.dtype)], axis=1)
+            return np.matmul(rows.T[members].transpose(0, 2, 1), right[members])
+        (v, m, _), every = self.values.shape, np.arange(len(self.at))
+        out = np.zeros((len(members), v, m, right.shape[1]), np.float32)
+        for reading, value in zip(self.at.T, self.values.transpose(2, 0, 1)):
+            out[label[reading], every] += value[:, :, None] * right[reading][:, None]
+        return out.reshape(len(members), v * m, right.shape[1])
+
+
 class Factor:
     """The Cholesky factor of the normal equations of z, or of x and y; right sides and unknowns are (q, m).
 
@@ -181,6 +219,26 @@ class Places:
             return every
         return [[(axis, one.toarray()) for axis, one in each] for each in every]
 
+    @cached_property
+    def of_block(self) -> Floats:
+        """How much of each block of unknowns the coordinates of a reading see, (N + 1, 3, 12), 0 at the end."""
+        out = np.zeros((len(self.factor) + 1, 3, 12))
+        np.put_along_axis(out[:-1], self.unknown // self.n, self.factor, axis=2)
+        return out
+
+    @cached_property
+    def labels(self) -> list[tuple[Ints, Ints, Ints]]:
+        """Of table position, ball and CMM position: the blocks of unknowns that have them, and as of `Waves.sums`."""
+        out = []
+        for term in range(3):
+            blocks = np.flatnonzero(TERM == term)
+            label = (self.unknown % self.n)[self.unknown // self.n == blocks[0]]
+            count = np.bincount(label, minlength=self.n)
+            members = np.full((self.n, count.max()), len(label))
+            members[np.arange(members.shape[1]) < count[:, None]] = np.argsort(label, kind='stable')
+            out.append((blocks, label, members))
+        return out
+
     def columns(self, unknowns: Floats, white: Whitening) -> Floats:
         """Return what unknowns (12 n, m) do to the readings, in white coordinates, (m, N, 3)."""
         return white.apply((self.design @ unknowns).T.reshape(unknowns.shape[1], -1, 3))
@@ -258,19 +316,26 @@ class BaseSpace:
         right = self._places.right_sides(columns, self.whitening)
         return self._each('halved', right).T.astype(columns.dtype, copy=False)
 
-    def inside_of(self, waves: Any, directions: NDArray[Any]) -> NDArray[np.float32]:
-        """Return these coordinates (m, d, k) of waves (m, N), dense or sparse, times directions (d, N, 3), single.
+    def inside_of(self, waves: Waves, directions: NDArray[Any]) -> NDArray[np.float32]:
+        """Return these coordinates (m, d, k) of m waves times directions (d, N, 3), single.
 
-        Only in noise that does not wander; no column is written out."""
+        Only in noise that does not wander; no column is written out: readings of a label are summed."""
         places, count = self._places, len(directions)
-        weight = (directions * self.whitening.factors**2).swapaxes(0, 1)[..., None] * places.factor[:, None]
-        unknown = places.unknown[:, None] + 12 * self.n * np.arange(count)[:, None, None]
-        start = np.arange(0, weight.size + 1, 15 * count)
-        entry = weight.ravel().astype(np.float32), unknown.ravel(), start
-        right: Any = waves @ scipy.sparse.csr_array(entry, (len(weight), 12 * self.n * count))
-        right = np.ascontiguousarray(right if isinstance(right, np.ndarray) else right.toarray())
-        found = [right.reshape(-1, 12 * self.n)[:, part] @ one.mix for part, one in zip(places.parts, self._factors)]
-        return np.concatenate(found, axis=1).reshape(len(right), count, -1)
+        white = np.concatenate([directions * self.whitening.factors**2, np.zeros((count, 1, 3))], axis=1)
+        weight = (white.swapaxes(0, 1) @ places.of_block).astype(np.float32)  # (N + 1, d, 12)
+        sums = [waves.sums(weight[:, :, blocks].reshape(len(weight), -1), label, members).reshape(
+            self.n, waves.rows, count, len(blocks)) for blocks, label, members in places.labels]
+        out = np.zeros((waves.rows, count, 12 * self.n), np.float32)
+        for factor, part, (axes, blocks) in zip(self._factors, places.parts, PARTS):
+            moved, right, order = np.flatnonzero(directions[..., axes].any(axis=(1, 2))), [], []
+            for (every, _, _), own in zip(places.labels, sums):
+                some = slice(*np.searchsorted(every, (blocks.start, blocks.stop)))
+                order.append(((every[some] - blocks.start) * self.n + np.arange(self.n)[:, None]).ravel())
+                own = own[..., some] if len(moved) == count else own[:, :, moved, some]
+                right.append(own.transpose(1, 2, 0, 3).reshape(-1, len(order[-1])))
+            made = np.concatenate(right, axis=1) @ factor.mix[np.concatenate(order)]
+            out[:, moved, part] = made.reshape(waves.rows, len(moved), made.shape[1])
+        return out
 
     @property
     def leverage(self) -> Floats:
