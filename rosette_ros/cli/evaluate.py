@@ -67,7 +67,7 @@ from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, sp
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import capital
 from rosette_ros.words.result_words import DOES_NOT_FIT, check_words, comparison_words, conclusion_text
-from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_text
+from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, titles, verdict_text
 
 NEXT_BEST = 4
 """So many explanations, and effects that are not identified, are shown."""
@@ -196,7 +196,9 @@ def invisible_effects(diagnosis: Diagnosis) -> tuple[Visibility, ...]:
 
 def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) -> None:
     """Print what is behind the verdict; invisible: of the effects that the run could not have shown."""
-    refused, measured = '; '.join(f'{name}: {reason}' for name, reason in diagnosis.unavailable), diagnosis.fit.run
+    measured, reasons = diagnosis.fit.run, dict.fromkeys(reason for _, reason in diagnosis.unavailable)
+    refused = '; '.join(f'{reason}: {titles(name for name, other in diagnosis.unavailable if other == reason)}'
+                        for reason in reasons)
     advice = advice_words(advise_run(measured)) if invisible and measured.n <= MOST_BALLS_ADVISED else ''
     notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
     claimed = [one for one in diagnosis.candidates if one.claimed]
@@ -256,7 +258,7 @@ def show_comparison(out: Console, comparison: Comparison, verdict: Verdict) -> N
     else:
         print_verdict(out, verdict_text(verdict))
     say(out, f'{comparison_words(comparison)} Residuals are given in σ = {micrometres(sigma)}, {source}; '
-        f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
+        f'uncertainties of the curves follow {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),
                       tables.worst_readings(comparison), tables.waves(comparison)])
 

@@ -53,7 +53,7 @@ SEQUENCES = {
     'row': 'balls within table position', 'diagonal': 'table positions within CMM position',
     'column': 'table positions within ball', 'random': 'randomised', 'interleaved': 'interleaved sweeps of the table',
     'there_and_back': 'table positions within CMM position, then backwards',
-    'row_there_and_back': 'balls within table position, then backwards', 'as measured': 'of its own'}
+    'row_there_and_back': 'balls within table position, then backwards', 'as measured': 'no order with a name'}
 """What an order is, as a document says it."""
 
 
