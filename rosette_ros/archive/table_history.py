@@ -149,8 +149,8 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
     rows = [row for row in rows if not _is_between(row)]
     if len(rows) < LEAST_RUNS:
         besides = f', and {counted(len(left_out), "run")} between the steps of the table' if left_out else ''
-        raise InvalidData(f'trend of table {serial!r}: wanted at least {LEAST_RUNS} dated runs, got {len(rows)}'
-                          f'{besides}')
+        whose = f'table {serial!r}' if serial else 'runs that state no table'
+        raise InvalidData(f'trend of {whose}: wanted at least {LEAST_RUNS} dated runs, got {len(rows)}{besides}')
     dates = tuple(row['measured_at'] for row in rows)
     days = np.array([(date - dates[0]).total_seconds() / DAY for date in dates])
     n = rows[-1]['n']

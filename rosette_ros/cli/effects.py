@@ -34,7 +34,8 @@ from rosette_ros.words.verdict_words import titles
 
 ADD, REMOVE = 'add', 'remove'
 CARRIES = {'all': 'settings and sizes hold for the next run of the same cell',
-           'shape': 'the settings hold for the next run, phases and sizes do not', 'nothing': 'an event of one run'}
+           'shape': 'the settings hold for the next run, phases and sizes do not',
+           'nothing': 'nothing of it: an event of this run'}
 """What of an effect a later run shares."""
 KINDS = {'scale': 'searched and refined', 'phase': 'searched and refined',
          'instant': 'searched: all that a run can tell apart', 'choice': 'one of a few, all are tried'}
@@ -43,7 +44,7 @@ KINDS = {'scale': 'searched and refined', 'phase': 'searched and refined',
 def effects_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('name', metavar='NAME', nargs='?', help='one effect, explained')
-    add_shared(parser, '--json')
+    add_shared(parser, '--angle-unit', '--json')
 
 
 def run_effects(options: Namespace) -> None:
@@ -97,7 +98,7 @@ def show_effect(one: Effect) -> None:
     out.print(f'[bold]{one.name}[/]: {escape(one.meaning)}')
     print_parts(out, [pairs([(name, escape(text)) for name, text in facts(one)])])
     if table.rows:
-        print_parts(out, [table, 'Physical names mean: columns of this form, fitted together with the base '
+        print_parts(out, [table, 'The name stands for columns of this form, fitted together with the base '
                           'model. Values in model files and --set are in SI units.'])
 
 

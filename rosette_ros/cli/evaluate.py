@@ -23,7 +23,7 @@ from rosette_ros.analysis import (
     judge,
     ladder,
 )
-from rosette_ros.cli.arguments import add_formats, add_shared, picture_file, plots
+from rosette_ros.cli.arguments import add_formats, add_shared, picture_file, plots, positive
 from rosette_ros.cli.console import (
     COLOURS,
     console,
@@ -44,9 +44,10 @@ from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.free import FREE
-from rosette_ros.core.error_summary import doubt_of, fit_lines, stated_lines
+from rosette_ros.core.error_summary import ONE_SENSE, doubt_of, fit_lines, four_axis_errors, stated_lines
 from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.joint.conclusion import conclude
+from rosette_ros.core.joint.run_to_run import joint_spheres
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.log_reader import read_log, runs_in
@@ -56,7 +57,7 @@ from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation import joint_results as results
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.budget_results import environment_json, environment_words, hidden_table
-from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.error_results import errors, four_axis_json, four_axis_table
 from rosette_ros.presentation.explanation_results import causes, explanations
 from rosette_ros.presentation.formatting import FOUND, NOW, micrometres, uncertainty_words
 from rosette_ros.presentation.json_output import comparison_json, diagnosis_json, evaluation_json, verdict_json
@@ -66,7 +67,7 @@ from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, sp
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import capital
 from rosette_ros.words.result_words import DOES_NOT_FIT, check_words, comparison_words, conclusion_text
-from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_text
+from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, titles, verdict_text
 
 NEXT_BEST = 4
 """So many explanations, and effects that are not identified, are shown."""
@@ -87,6 +88,9 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
     add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment', '--angle-unit')
+    parser.add_argument('--test-spheres', metavar=('R_MM', 'HEIGHT_MM'), nargs=2, type=positive('mm'), help='also the '
+                        'four-axis errors (ISO 10360-3) of two opposite test spheres at this radius, one in the plane '
+                        'of the balls, one so far above it, calculated from the error motions')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
@@ -108,10 +112,13 @@ def run_evaluate(options: Namespace) -> None:
         return
     final = opened.finding.with_cause if opened.finding else None
     best = opened.budget_of(final) if final else None
+    found, found_lines = stated_lines(final, best) if final else (None, ())
+    where = [1e-3 * one for one in options.test_spheres or ()]
+    spheres = [('rotary table', four_axis_errors([found or motions], *where), ONE_SENSE)] if where else []
     if options.json:
-        spheres = {'spheres': spheres_json(refit)} if refit else {}
+        more = ({'spheres': spheres_json(refit)} if refit else {}) | four_axis_json(spheres)
         print_json({**evaluation_json(fit, opened.verdict, lines, final, made, best), **environment_json(best or made),
-                    **spheres})
+                    **more})
         return
     out = console()
     out.print(head(fit.run))
@@ -119,10 +126,10 @@ def run_evaluate(options: Namespace) -> None:
         print_card(out, opened.verdict, options.run_path[0], options.model)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
-    found, found_lines = stated_lines(final, best) if final else (None, ())
     told = best or made
     print_parts(out, [
-        errors(lines, found=found_lines), curves(motions, NOW if found else ''),
+        errors(lines, found=found_lines), *four_axis_table(spheres, f', {FOUND}' * bool(found)),
+        curves(motions, NOW if found else ''),
         *([curves(found, FOUND)] if found else []), hidden_table(told) if told else None, deviations(fit),
         fitted_effects(fit, 'Effects in the model'),
         pairs([*fit_rows(fit), *([('Environment', environment_words(told.inputs.environment))] if told else [])])])
@@ -135,8 +142,9 @@ def evaluate_runs_jointly(options: Namespace) -> None:
     result = joint_result(options)
     identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
     tolerances = identity.limits(result.solution.model.runs[0].rotation)
+    spheres = joint_spheres(result, *(1e-3 * one for one in options.test_spheres)) if options.test_spheres else []
     if options.json:
-        print_json(results.joint_json(result, tolerances))
+        print_json({**results.joint_json(result, tolerances), **four_axis_json(spheres)})
     elif options.csv:
         sys.stdout.write(results.joint_csv(result))
     else:
@@ -146,7 +154,8 @@ def evaluate_runs_jointly(options: Namespace) -> None:
         for note in result.notes:
             out.print(escape(note), soft_wrap=True)
         print_verdict(out, conclusion_text(conclude(result)))
-        print_parts(out, [*results.joint_errors(result, tolerances), results.sharing_table(result),
+        print_parts(out, [*results.joint_errors(result, tolerances), *four_axis_table(spheres),
+                          results.sharing_table(result),
                           *results.joint_curves(result),
                           pairs((name, escape(words)) for name, words in results.joint_rows(result))])
 
@@ -187,7 +196,9 @@ def invisible_effects(diagnosis: Diagnosis) -> tuple[Visibility, ...]:
 
 def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) -> None:
     """Print what is behind the verdict; invisible: of the effects that the run could not have shown."""
-    refused, measured = '; '.join(f'{name}: {reason}' for name, reason in diagnosis.unavailable), diagnosis.fit.run
+    measured, reasons = diagnosis.fit.run, dict.fromkeys(reason for _, reason in diagnosis.unavailable)
+    refused = '; '.join(f'{reason}: {titles(name for name, other in diagnosis.unavailable if other == reason)}'
+                        for reason in reasons)
     advice = advice_words(advise_run(measured)) if invisible and measured.n <= MOST_BALLS_ADVISED else ''
     notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
     claimed = [one for one in diagnosis.candidates if one.claimed]
@@ -247,7 +258,7 @@ def show_comparison(out: Console, comparison: Comparison, verdict: Verdict) -> N
     else:
         print_verdict(out, verdict_text(verdict))
     say(out, f'{comparison_words(comparison)} Residuals are given in σ = {micrometres(sigma)}, {source}; '
-        f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
+        f'uncertainties of the curves follow {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),
                       tables.worst_readings(comparison), tables.waves(comparison)])
 

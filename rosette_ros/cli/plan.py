@@ -200,9 +200,9 @@ def show_plan(made: Outlook, output: str | None = None) -> None:
             *([] if made.rotation is None else [('Axis', axes.words(made.rotation[:, 2]))]),
             ('Table', f'{way.table_turns:.4g} turns in {way.table_moves} moves'),
             ('CMM', f'{way.cmm_way:.4g} m in {way.cmm_moves} moves (straight from ball to ball)'),
-            ('Determines', f'rank {expected.rank} of {expected.full_rank} of a complete run; curves with '
-                           f'{expected.penalty:.2f} times the uncertainty of one (at best {expected.ideal:.2f} for so '
-                           'many readings)'),
+            ('Determines', f'{expected.rank} of the {expected.full_rank} combinations of errors that a complete run '
+                           f'determines; the curves with {expected.penalty:.2f} times its uncertainty (at best '
+                           f'{expected.ideal:.2f} times with so many readings)'),
             ('Not determined', '; '.join(expected.unobservable)),
             *([] if made.effects else [('Effects', f'are judged up to {MOST_JUDGED} balls')]),
             ('Time', f'{expected.duration / 3600:.2f} h'),

@@ -27,6 +27,8 @@ DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where
                  'proven (uncertainty range)')
 SURE = 0.5 + 0.5 * math.erf(COVERAGE_FACTOR / math.sqrt(2))
 """Probability from which on it is decided: that of a normal range at the guard band U, 97.7 %."""
+ONE_SENSE = 'the reversal of the table, which runs in both senses tell (evaluate --joint)'
+"""What four-axis errors from curves of one sense lack."""
 FEWEST_ANGLES = 4
 """A once-per-turn part is told from the rest of a curve with so many points at least."""
 
@@ -168,6 +170,42 @@ def stated_lines(fit: 'Fit', made: 'Budget | None', tolerances: Mapping[str, flo
     if made is None:
         return fit.error_motions, fit_lines(fit, tolerances, doubt)
     return made.error_motions, made.lines(tolerances, doubt)
+
+
+@dataclass(frozen=True, eq=False)
+class SphereErrors:
+    """Four-axis errors of a test sphere (ISO 10360-3:2000), m.
+
+    sphere: A or B; height, radius: where it is, m; ranges, u: FR, FT and FA, the ranges of its radial, tangential and
+    axial coordinate, with their standard uncertainties, (3,)."""
+
+    sphere: str
+    height: float
+    radius: float
+    ranges: Floats
+    u: Floats
+
+
+def four_axis_errors(curves: Sequence[ErrorMotions], radius: float, height: float) -> tuple[SphereErrors, SphereErrors]:
+    """Return what error motions of a table, of one sense or of both, make of two opposite test spheres.
+
+    B stands on `radius`, m, in the plane of the balls at height 0, A opposite at `height`, m. At azimuth a a sphere at
+    p moves by T + Theta x p, along (cos a, sin a, 0), (-sin a, cos a, 0) and z; means of T and Theta are those of the
+    axis to which its coordinates refer. The six are taken as uncorrelated, the ends of a range as u1 + u2."""
+    values = np.concatenate([one.values for one in curves])
+    angle, u = np.concatenate([one.angle for one in curves]), np.concatenate([one.u for one in curves])
+    made = []
+    for sphere, level, azimuth in (('A', height, 0.0), ('B', 0.0, np.pi)):
+        cosine, sine, none = np.cos(angle + azimuth), np.sin(angle + azimuth), np.zeros(angle.size)
+        way = np.stack([  # (m, 3, 6)
+            np.stack([cosine, sine, none, -level * sine, level * cosine, none], axis=-1),
+            np.stack([-sine, cosine, none, -level * cosine, -level * sine, none + radius], axis=-1),
+            np.stack([none, none, none + 1, radius * sine, -radius * cosine, none], axis=-1)], axis=1)
+        moved = np.einsum('mkc,mc->mk', way, values - values.mean(axis=0))
+        spread = np.sqrt(np.einsum('mkc,mc->mk', way**2, u**2))
+        made.append(SphereErrors(sphere, level, radius, peak_to_valley(moved), sum(
+            spread[at, range(3)] for at in (moved.argmax(axis=0), moved.argmin(axis=0)))))
+    return made[0], made[1]
 
 
 def peak_to_valley(values: Floats) -> Floats:

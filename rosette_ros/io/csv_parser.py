@@ -240,7 +240,7 @@ class _Sheet:
             elif near := meant(name, COLUMNS):  # it would be ignored
                 raise wrong(self.source, self.line, '', f'the column {near}', f'{name!r:.80}', 'rename it')
         if taken:
-            self.notes.append(f'columns were taken so: {", ".join(taken)}')
+            self.notes.append(f'columns were read as follows: {", ".join(taken)}')
         return [name for name in _REQUIRED if name not in self.columns]
 
     def proposal(self, stated: Iterable[str]) -> ColumnMap:

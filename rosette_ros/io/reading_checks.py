@@ -111,7 +111,7 @@ def radius_words(radius: float) -> str:
         return ''
     likely = [f'{unit} (R = {1e3 * radius * factor:.6g} mm)' for unit, factor in _LENGTHS.items()
               if 0.05 <= radius * factor <= 1]
-    return (f'{UNIT_DOUBT} of R = {1e3 * radius:.6g} mm is none of a plate of balls; are radius and coordinates in '
+    return (f'{UNIT_DOUBT} of R = {1e3 * radius:.6g} mm is beyond any plate of balls; are radius and coordinates in '
             f'{" or ".join(likely) or "another unit"}? give mm')
 
 

@@ -77,7 +77,7 @@ def hidden_table(made: Budget) -> Table | None:
         words('effect', 'effect', shown), words('title', 'what may be there', map(text.title_of, shown)),
         *(column(f'share_{curve}', names[place], [float(shares[name][place]) for name in shown], text.percent)
           for place, curve in enumerate(CURVES))),
-        note='Shares of the variance of each curve, at least 1 % of one.')
+        note='Shares in the variance of each curve; effects with less than 1 % in all of them are left out.')
 
 
 def environment_words(environment: Environment | None) -> str:

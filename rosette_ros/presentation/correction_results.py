@@ -23,12 +23,13 @@ def correction_table(correction: Correction) -> Table:
     places = [text.decimals(one) for one in u]
     return Table('correction', 'What is corrected', (
         words('error', 'error motion', CURVES), words('unit', 'unit', text.curve_units()),
-        words('range', 'range', map(text.fixed, values, places)), words('U', 'U', map(text.fixed, u, places)),
+        words('range', 'range', map(text.fixed, values, places)),
+        words('U', 'U of a single value', map(text.fixed, u, places)),
         words('what', 'correction', [
             'not corrected' if curve not in correction.corrected else
             'corrected, although it may be noise' if value < 2 * one else 'corrected'
             for curve, value, one in zip(CURVES, values, u)])),
-        note=f'Range: largest value less smallest; U: expanded uncertainty (k = {COVERAGE_FACTOR}) of a single value.')
+        note=f'Range: largest value less smallest; U: expanded uncertainty (k = {COVERAGE_FACTOR}).')
 
 
 def check_table(check: CorrectionCheck) -> Table:

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change
-from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, SURE, AxisError, Conformity
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, SURE, AxisError, Conformity, SphereErrors
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, column, words
 
+FourAxis = Sequence[tuple[str, Sequence[SphereErrors], str]]
+"""Of each table its words, the errors of its test spheres, and what the runs do not tell of them."""
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
 TITLE = 'Error motions of the {} (ISO 230-7): synchronous error motion values'
 SAID: dict[Conformity | None, str] = {Conformity.UNDECIDED: 'neither proven'}
@@ -79,8 +81,8 @@ def _factors(lines: Sequence[AxisError]) -> str:
     if not span.keys() - {text.fixed(COVERAGE_FACTOR, 2)}:
         return ''
     ends = ' to '.join(dict.fromkeys((min(span), max(span))))
-    return (f' U of the range: 95.45 % of its distribution, k = {ends}; conformity is decided from '
-            f'{text.fixed(100 * SURE, 1)} % of it on (JCGM 106).')
+    return (f' U of the range: half of the interval that holds 95.45 % of its distribution, k = {ends}; conformity is '
+            f'stated from a probability of {text.fixed(100 * SURE, 1)} % on (JCGM 106).')
 
 
 def differences(every: Mapping[str, ErrorMotions]) -> Table:
@@ -132,6 +134,41 @@ def change_errors(change: Change) -> Table:
 def chi_square_text(value: float | None) -> str:
     """Return a reduced chi-square for people."""
     return text.UNKNOWN if value is None else text.significant(value)
+
+
+def four_axis_table(every: FourAxis, which: str = '') -> list[Table]:
+    """Return the four-axis errors of each table (ISO 10360-3); which: model."""
+    return [_spheres(made, f'Four-axis errors of the {who}{which} (ISO 10360-3), calculated from its error motions',
+                     lacks, f'test_spheres{place or ""}') for place, (who, made, lacks) in enumerate(every)]
+
+
+def _spheres(made: Sequence[SphereErrors], title: str, lacks: str, name: str) -> Table:
+    expanded = [COVERAGE_FACTOR * one.u for one in made]
+    places = [text.decimals(1e6 * float(one.max())) for one in expanded]
+
+    def micro(key: str, head: str, sign: str, values: Sequence[float]) -> Column:
+        return Column(key, head, tuple(1e6 * value for value in values), tuple(
+            f'{sign}{text.fixed(1e6 * value, digits)}' for value, digits in zip(values, places, strict=True)), 'µm')
+
+    return Table(name, title, (
+        words('sphere', 'sphere', [one.sphere for one in made]),
+        *(column(f'{key}_mm', head, [1e3 * getattr(one, key) for one in made], partial(text.exact, places=3), 'mm')
+          for key, head in (('radius', 'radius'), ('height', 'above the balls'))),
+        *(part for at, kind in enumerate('RTA') for part in (
+            micro(f'F{kind}_um', f'F{kind}', '', [float(one.ranges[at]) for one in made]),
+            micro(f'U_F{kind}_um', f'U of F{kind}', '±', [float(one[at]) for one in expanded])))),
+        note='FR, FT, FA: ranges of the radial, tangential and axial coordinate of the sphere, in coordinates that '
+             f'turn with the table about its mean axis; U: k = {COVERAGE_FACTOR}. Other than in a test with spheres, '
+             f'errors of the CMM are not in them{", nor " * bool(lacks)}{lacks}.')
+
+
+def four_axis_json(every: FourAxis) -> dict[str, Any]:
+    """Return four-axis errors, SI units, nothing where there are none."""
+    return {'iso_10360_3': [{'table': who, 'not_contained': lacks, 'coverage_factor': COVERAGE_FACTOR, 'spheres': [{
+        'sphere': one.sphere, 'radius_m': one.radius, 'height_m': one.height, **{
+            f'{key}F{kind}_m': float(values[at]) for at, kind in enumerate('RTA')
+            for key, values in (('', one.ranges), ('U_', COVERAGE_FACTOR * one.u))}} for one in made]}
+        for who, made, lacks in every]} if every else {}
 
 
 def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:

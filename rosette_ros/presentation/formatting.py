@@ -53,7 +53,7 @@ SEQUENCES = {
     'row': 'balls within table position', 'diagonal': 'table positions within CMM position',
     'column': 'table positions within ball', 'random': 'randomised', 'interleaved': 'interleaved sweeps of the table',
     'there_and_back': 'table positions within CMM position, then backwards',
-    'row_there_and_back': 'balls within table position, then backwards', 'as measured': 'of its own'}
+    'row_there_and_back': 'balls within table position, then backwards', 'as measured': 'no order with a name'}
 """What an order is, as a document says it."""
 
 
@@ -268,10 +268,20 @@ def not_known(run: Run, gauge: Sequence[str]) -> list[str]:
             *(f'{remark[0].upper()}{remark[1:]}.' for remark in run.remarks)]
 
 
-def clamping_words(shift: Floats, turn: Floats) -> str:
-    """Return how a plate lies on the table: shift (3,), m, and rotation (3,), rad."""
-    return (f'eccentricity {fixed(1e6 * float(np.hypot(*shift[:2])), 2)} µm, height {fixed(1e6 * shift[2], 2)} µm, '
-            f'tilt {sized(float(np.hypot(*turn[:2])), places=1)}, turn {sized(turn[2], places=1)}')
+def clamping_words(shift: Floats, turn: Floats, u: Floats | None = None) -> str:
+    """Return how a plate lies on the table: shift (3,), m, and rotation (3,), rad; u: of these, (6,), is said as U."""
+    parts = []
+    for name, value, si, places, which in (
+            ('eccentricity', float(np.hypot(*shift[:2])), 'm', 2, slice(2)), ('height', shift[2], 'm', 2, slice(2, 3)),
+            ('tilt', float(np.hypot(*turn[:2])), 'rad', 1, slice(3, 5)), ('turn', turn[2], 'rad', 1, slice(5, 6))):
+        if u is None:
+            parts.append(f'{name} {sized(value, si, places)}')
+            continue
+        factor, unit = scale_of(si)
+        expanded = COVERAGE_FACTOR * factor * float(u[which].max())
+        digits = decimals(expanded)
+        parts.append(f'{name} {fixed(factor * value, digits)} ± {fixed(expanded, digits)} {unit}')
+    return ', '.join(parts)
 
 
 def model_words(model: 'Model') -> str:

@@ -85,10 +85,11 @@ def positioning(one: Reversal) -> Table:
     lacks = [f'{names(NOT_POSITIONED)} need the mean of the reversal, which these runs do not tell'] * (
         not {*NOT_POSITIONED} <= known.keys())
     lacks.append('R and A need five approaches to each angle in each sense, these runs have one')
-    return Table('positioning', f'Angular positioning of {one.table} (ISO 230-2)', (
-        words('value', 'value', [f'{name} {POSITIONED[name]}' for name in known]),
+    return Table('positioning', f'Angular positioning of table {one.table} (ISO 230-2)', (
+        words('value', 'value', [f'{name}: {POSITIONED[name]}' for name in known]),
         column(f'value_{text.file_unit(unit)}', 'crz', [factor * value for value in known.values()],
-               partial(text.fixed, places=2 + (factor < 1e6)), unit)), note=f'Not determined: {"; ".join(lacks)}.')
+               partial(text.fixed, places=2 + (factor < 1e6)), unit)), note='U of B and of its mean stand with '
+        f'the reversal, U of E+ and E- with the range of crz. Not determined: {"; ".join(lacks)}.')
 
 
 def reversal_means(result: JointResult) -> list[Table]:

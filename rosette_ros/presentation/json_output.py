@@ -20,7 +20,7 @@ from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict, VerdictText, noise_facts
 from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines, stated_lines
-from rosette_ros.core.geometry import clamping
+from rosette_ros.core.model.clamped_plate import clamped_plate
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
@@ -110,7 +110,7 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[Ax
 
     An effect that stands twice in the model is named with its fixed parameters, or with all that were found.
     """
-    run, motions = fit.run, stated_lines(fit, made)[0]
+    run, motions, plate = fit.run, stated_lines(fit, made)[0], clamped_plate(fit)
     names, terms = [term.name for term in fit.model.terms], [str(term) for term in fit.model.terms]
     keys = [term.name if names.count(term.name) == 1 else str(term) if terms.count(str(term)) == 1 else
             str(Term(term.effect, one.setting)) for term, one in zip(fit.model.terms, fit.effects, strict=True)]
@@ -119,8 +119,9 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[Ax
         'mean_radius_m': fit.mean_radius, 'readings': run.size, 'completeness': run.completeness,
         **motions_json(motions), 'u_coverage_factor': STANDARD, 'U_coverage_factor': COVERAGE_FACTOR,
         'coverage_factor': COVERAGE_FACTOR, 'iso_names': motions.iso_names, 'plate_m': fit.plate, 'cmm_m': fit.cmm,
-        **dict(zip(('clamping_shift_m', 'clamping_rotation_rad', 'plate_freed_m'),
-                   clamping(fit.plate, run.radius), strict=True)),
+        'clamping_shift_m': plate.shift, 'clamping_rotation_rad': plate.turn, 'plate_freed_m': plate.freed,
+        'clamping_U_shift_m': COVERAGE_FACTOR * plate.u[:3], 'clamping_U_rotation_rad': COVERAGE_FACTOR * plate.u[3:],
+        'plate_freed_U_m': COVERAGE_FACTOR * plate.u_freed,
         'plate_U_m': COVERAGE_FACTOR * fit.deviation_u[0], 'cmm_U_m': COVERAGE_FACTOR * fit.deviation_u[1],
         'simulated': run.simulated, 'rotation': run.rotation,
         'table_axis': None if run.rotation is None else run.rotation[:, 2],

@@ -77,7 +77,7 @@ def sequence_map(scheme: Scheme) -> Table:
 def uncertainties(plan: Outlook) -> Table:
     """Return the table of the uncertainties that a plan is expected to give the curves."""
     u = text.curve_factors() * text.COVERAGE_FACTOR * mean_u(plan)
-    title = f'Expected expanded uncertainty (k = 2) where σ is {1e6 * plan.sigma:g} µm from 20 touches{_within(plan)}'
+    title = f'Expected U (k = 2), standard deviation {1e6 * plan.sigma:g} µm per coordinate (20 touches){_within(plan)}'
     return Table('expected', title, (
         column('curve', 'curve', CURVES, str), column('U', 'U', u, lambda value: f'{value:.3g}'),
         column('unit', '', text.curve_units(), str)))

@@ -20,7 +20,7 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.run_functions import around
 from rosette_ros.core.error_summary import fit_lines, peak_to_valley
 from rosette_ros.core.errors import counted
-from rosette_ros.core.geometry import clamping
+from rosette_ros.core.model.clamped_plate import clamped_plate
 from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
@@ -115,8 +115,8 @@ def _with_u(values: Floats, expanded: Floats, digits: int, alike: bool) -> tuple
 
 def deviations(fit: Fit) -> Table:
     """Return ball centre deviations, freed of the clamping, and CMM measurement errors, with U as `curves` has it."""
-    shift, turn, freed = clamping(fit.plate, fit.run.radius)
-    parts = (('plate', 'plate', freed, fit.deviation_u[0]), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
+    plate = clamped_plate(fit)
+    parts = (('plate', 'plate', plate.freed, plate.u_freed), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
     alike = _alike(np.hstack([u for *_, u in parts]))
     columns = [column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str,
                       footer=(f'U (k = {text.COVERAGE_FACTOR}) of each point',) * alike)]
@@ -130,8 +130,8 @@ def deviations(fit: Fit) -> Table:
     columns += [column(f'u_{key}_{axis}_um', '', 1e6 * u[:, place])
                 for key, _, _, u in parts for place, axis in enumerate(AXES)]
     return Table('deviations', f'Ball centre deviations and CMM measurement errors at the probing positions; '
-                 f'{EXPANDED}', tuple(columns), note='Clamping of the plate, which is not in its deviations: '
-                 f'{text.clamping_words(shift, turn)}.')
+                 f'{EXPANDED}', tuple(columns), note='Clamping of the plate, which is not in its deviations, with U: '
+                 f'{text.clamping_words(plate.shift, plate.turn, plate.u)}.')
 
 
 def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str,

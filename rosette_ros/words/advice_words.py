@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 
 from rosette_ros.core.errors import counted
-from rosette_ros.core.planning.advice import GOOD_SHARE, Advice, OrderAdvice
+from rosette_ros.core.planning.advice import AS_MEASURED, GOOD_SHARE, Advice, OrderAdvice
 from rosette_ros.core.planning.visibility import strongest_first
 from rosette_ros.words.verdict_words import titles
 
@@ -15,11 +15,12 @@ SAME_TIME = 0.1
 def advice_words(advice: Advice) -> str:
     """Return an advice in sentences."""
     present, best = advice.present, advice.best
+    own = 'The order of this run' if present.label == AS_MEASURED else f'Order {present.label}'
     hidden = [name for name in advice.weak if present.shares[name].hidden]
     weak = [name for name in advice.weak if name not in hidden]
-    parts = [] if advice.weak else [f'Order {present.label} shows every effect of the library.']
+    parts = [] if advice.weak else [f'{own} shows every effect of the library.']
     if hidden:
-        parts.append(f'Order {present.label} cannot show {titles(strongest_first(present.run, hidden))}.')
+        parts.append(f'{own} cannot show {titles(strongest_first(present.run, hidden))}.')
     if weak:
         every = titles(strongest_first(present.run, weak))
         parts.append(f'Low sensitivity (share not absorbed {_shares(present, weak)}): {every}.')

@@ -5,17 +5,18 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.errors import counted
 from rosette_ros.words.effect_words import capital, names, title_of
 
 if TYPE_CHECKING:  # who shows what was found starts without the least squares
     from rosette_ros.core.planning.next_readings import Contender, NextReadings, Separation
 
-NOTHING = 'nothing more'
+NOTHING = 'no further effect'
 NOTHING_TO_DO = 'Nothing more has to be measured.'
 
 
 def contender_words(one: 'Contender', other: 'Contender | None' = None) -> str:
-    """Return what an explanation has beyond another one, in words: 'a warm-up of the frame', 'nothing more'."""
+    """Return what an explanation has beyond another one, in words: 'a warm-up of the frame', 'no further effect'."""
     own = Counter(one.names) - Counter(other.names if other else ())
     words = [title_of(name) if name in EFFECTS else f'something with {name}' for name in own.elements()]
     return names(words) if words else NOTHING
@@ -27,7 +28,7 @@ def pair_words(pair: 'Separation', between: str) -> str:
 
 
 def open_words(found: 'NextReadings') -> str:
-    """Return what is open: 'settling: warm-up or drift, 61 : 39', '' where nothing is."""
+    """Return what is open: 'settling: warm-up or drift, 61 % against 39 %', '' where nothing is."""
     if found.is_settled:
         return ''
     if (pair := found.separates) is None:
@@ -36,16 +37,15 @@ def open_words(found: 'NextReadings') -> str:
 
 
 def block_words(found: 'NextReadings') -> str:
-    """Return what the block is expected to tell, '' where there is none: 'separates warm-up from drift: 8 readings, 4
-    min, from 61 : 39 to 95 : 5 expected'."""
+    """Return what the block is expected to tell, '' where there is none: '8 readings (4 min) are expected to separate
+    warm-up from drift: 95 % against 5 %'."""
     if found.targets is None:
         return ''
-    size = f'{found.targets.ball.size} readings, {max(found.duration / 60, 1):.0f} min'
+    size = f'{counted(found.targets.ball.size, "reading")} ({max(found.duration / 60, 1):.0f} min)'
+    wanted = f'{size} {"is" if found.targets.ball.size == 1 else "are"} expected to'
     if (pair := found.separates) is None:
-        return (f'lowers U: {size}, from {1e6 * found.uncertainty:.3g} to {1e6 * found.expected_uncertainty:.3g} µm '
-                'expected')
-    return (f'separates {pair_words(pair, "from")}: {size}, from {odds(pair.now)} to {odds(pair.expected)} '
-            'expected')
+        return (f'{wanted} lower U from {1e6 * found.uncertainty:.3g} to {1e6 * found.expected_uncertainty:.3g} µm')
+    return f'{wanted} separate {pair_words(pair, "from")}: {odds(pair.expected)}'
 
 
 def hopeless_words(found: 'NextReadings') -> str:
@@ -58,7 +58,7 @@ def hopeless_words(found: 'NextReadings') -> str:
 
 
 def standing_words(found: 'NextReadings') -> str:
-    """Return how it stands: 'warm-up or drift, 61 : 39', why no block helps, or what is settled."""
+    """Return how it stands: 'warm-up or drift, 61 % against 39 %', why no block helps, or what is settled."""
     if found.is_settled:
         return contender_words(found.contenders[0])
     return hopeless_words(found) or open_words(found).removeprefix('settling: ')
@@ -73,6 +73,6 @@ def next_words(found: 'NextReadings') -> list[str]:
 
 
 def odds(share: float) -> str:
-    """Return a probability against the rest: '61 : 39'."""
+    """Return a probability against the rest: '61 % against 39 %'."""
     first = min(max(round(100 * share), 1), 99)
-    return f'{first} : {100 - first}'
+    return f'{first} % against {100 - first} %'

@@ -157,7 +157,8 @@ def _outcome(verdict: Verdict) -> list[str]:
         case Outcome.UNIT:
             return [f'{capital(remark)}.' for remark in verdict.remarks if remark.startswith(UNIT_DOUBT)]
         case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED if verdict.missing:
-            it = 'it' if len(verdict.missing) == 1 else 'them'
+            it = ('them' if len(verdict.missing) > 1 else
+                  'the likeliest of them' if not verdict.missing[0].depth and verdict.missing[0].alternatives else 'it')
             known = '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})'
             what = capital('; '.join(dict.fromkeys(map(missing_words, verdict.missing))))
             lacks = (f'{what}. With {it} the residual standard deviation falls from {micrometres(before.rms)} to '
@@ -173,7 +174,7 @@ def _outcome(verdict: Verdict) -> list[str]:
             return ['Whether the model fits cannot be said, as the repeatability is not known; the residual of '
                     f'{micrometres(before.rms)} shows no structure.']
         case Outcome.DOUBTFUL_READINGS:
-            return [f'The model fits, but there are doubts about the readings: {_against_repeatability(before)}.']
+            return [f'The model fits: {_against_repeatability(before)}. The readings themselves are in doubt.']
     return [f'The model fits{unseen_words(verdict.unseen)}: {_against_repeatability(before)}.']
 
 
@@ -337,7 +338,7 @@ def does_words(one: MissingEffect) -> str:
 
 
 def _sizes(parameters: 'Sequence[Parameter]') -> str:
-    """Return the sizes of amplitudes, those along one axis and of one unit together: '2.52 µm/h in x, 1.54 in z'."""
+    """Return the sizes of amplitudes, those along one axis and of one unit together: '2.5 µm/h in x, 1.5 µm/h in z'."""
     groups: dict[tuple[str, str], list[Parameter]] = {}
     for one in parameters:
         axis = one.name[-1] if one.name[-2:] in ('_x', '_y', '_z') else ''
@@ -348,12 +349,10 @@ def _sizes(parameters: 'Sequence[Parameter]') -> str:
         found.append((abs(value) / max(one.u for one in some), value, max(one.u for one in some), unit, axis))
     found.sort(key=lambda each: -each[0])
     said = [each for each in found[:MOST_SIZES] if each[0] > SIGNIFICANT] or found[:1]
-    out, last = [], ''
+    out = []
     for _, value, u, unit, axis in sorted(said, key=lambda each: (each[3], each[4])):
         scale = scale_of(unit)
-        word = '' if scale.unit == last else f' {scale.unit}'
-        last = scale.unit
-        out.append(f'{fixed(scale.factor * value, decimals(2 * scale.factor * u, 1))}{word}'
+        out.append(f'{fixed(scale.factor * value, decimals(2 * scale.factor * u, 1))} {scale.unit}'.rstrip()
                    + (f' {"about" if unit.startswith("rad") else "in"} {axis}' if axis else ''))
     return ', '.join(out)
 

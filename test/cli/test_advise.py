@@ -69,7 +69,8 @@ def test_the_next_readings(rosette, tmp_path):
     path, made = simulated_table('weak_warm_up', 6, 'sensitive', 3), tmp_path / 'next.csv'
     words = ('advise', path, '--readings', 6)
     out = ' '.join(rosette(*words, '--plan', made).out.split())
-    assert 'Settling: nothing more or ' in out and 'Separates nothing more from ' in out and ': 6 readings, ' in out
+    assert 'Settling: no further effect or ' in out and '6 readings (' in out and (
+        ') are expected to separate no further effect from ' in out)
     assert f'Written to {made}, after the 36 readings of the run.' in out
     got = json.loads(rosette(*words, '--json').out, parse_constant=pytest.fail)
     assert (got['schema'], got['readings_so_far'], got['is_settled']) == ('rosette-next-readings/1', 36, False)

@@ -131,8 +131,7 @@ def test_how_to_try_the_sign_is_said_and_the_values_can_be_inverted(target, sign
         some.replace('C.COM', 'C1.COM').replace('BACKLASH      C', 'BACKLASH      C1'), '') for some in (text, other))
     at = np.arange(0.0, 360.0, 5.0)
     assert np.allclose(plain(at, 1), -inverted(at, 1), atol=1e-12) and np.ptp(plain(at, 1)) > 0.01
-    said = re.search(r'Try the sign first, .* from C = 0 to (\d+) deg the table turns 20.63 arcsec too (\w+); ',
-                     told[-1])
+    said = re.search(r'Try the sign first, .* from C = 0 to (\d+) deg the table turns 20.63 arcsec too (\w+)', told[-1])
     assert (plain(float(said[1]), 1) < 0) == (said[2] == 'far')  # the controller moves it back
     assert told[-1].endswith('Where it is twice as much, write the file again with --invert.')
 

@@ -75,6 +75,21 @@ def test_two_runs_and_a_log(rosette, tmp_path):
     assert rosette('evaluate', tmp_path / 'log', paths[1], '--joint').code == 0
 
 
+def test_four_axis_errors_of_both_senses(rosette, back):
+    """Their reversal is known and contained; one sense alone says that it is not. JSON has the same, SI."""
+    joint, alone = (' '.join(rosette('evaluate', back, '--test-spheres', '200', '300', *more).out.split())
+                    for more in (['--joint'], []))
+    assert 'Four-axis errors of the table (ISO 10360-3), calculated from its error motions' in joint
+    assert 'Other than in a test with spheres, errors of the CMM are not in them.' in joint
+    assert 'errors of the CMM are not in them, nor the reversal of the table, which runs in both senses tell' in alone
+    [one], [two] = (json.loads(rosette('evaluate', back, '--test-spheres', '200', '300', '--json', *more).out)[
+        'iso_10360_3'] for more in ([], ['--joint']))
+    for sphere, height in zip(one['spheres'], (0.3, 0.0), strict=True):
+        assert (sphere['radius_m'], sphere['height_m']) == pytest.approx((0.2, height))
+        assert 0 < sphere['U_FR_m'] < sphere['FR_m'] + 1e-6
+    assert two['not_contained'] == '' and two['spheres'][0]['FT_m'] > 0
+
+
 def test_csv_has_all_curves(rosette, back):
     """A row for each angle of each curve."""
     rows = list(csv.DictReader(io.StringIO(rosette('evaluate', back, '--joint', '--csv').out)))

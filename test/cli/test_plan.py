@@ -101,7 +101,8 @@ def test_what_a_reduced_plan_determines(rosette):
     out = rosette('plan', '--balls', 12, '--radius-mm', 182.5, '--order', 'diagonal', '--cmm-positions', 6).out
     assert '72 targets' in out
     assert '1, 2, 4, 6, 9, 10 of 12 in use; deviations of the others are not measured' in out
-    assert 'rank 113 of 131 of a complete run; curves with 1.52 times the uncertainty' in ' '.join(out.split())
+    assert ('113 of the 131 combinations of errors that a complete run determines; the curves with 1.52 times its '
+            ) in ' '.join(out.split())
 
 
 def test_the_template_is_a_table_to_be_filled(rosette, refused, tmp_path):

@@ -2,6 +2,7 @@
 """The base model: closed form and normal equations are one and the same."""
 
 import itertools
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from synthetic import MICROMETRE, synthetic_run
 
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.geometry import clamping
 from rosette_ros.core.model.base_space import BaseSpace
+from rosette_ros.core.model.clamped_plate import clamped_plate
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import Noise
@@ -128,19 +131,27 @@ def test_uncertainties_are_those_of_the_page():
     assert np.round(root[3:], 2).tolist() == [2.04, 2.04, 1.51]
 
 
+@pytest.mark.parametrize('effects', [(), ('frame_drift',)])
 @pytest.mark.parametrize('left_out', [0, 3])
-def test_uncertainties_of_plate_and_cmm_are_those_of_the_readings(left_out):
-    """Each coordinate moved by a small step moves the results: the squares of these moves add up to their variances."""
+def test_uncertainties_of_plate_and_cmm_are_those_of_the_readings(left_out, effects):
+    """Each coordinate moved by a small step moves the results: the squares of these moves add up to their variances.
+
+    So they do for the plate freed of its clamping, which is surer, and for the clamping itself."""
     n, step = 5, 1e-9
     run = synthetic_run(n, 'random', seed=2)[0]
-    run, model = run.take(slice(left_out, run.size)), Model().with_effect('frame_drift')
+    run, model = run.take(slice(left_out, run.size)), reduce(Model.with_effect, effects, Model())
     chosen = choose_settings(run, model)
-    base, moved = fit(run, model, chosen), []
+    base, moved, lies = fit(run, model, chosen), [], []
+    plate = clamped_plate(base)
     for move in step * np.eye(3 * run.size).reshape(-1, run.size, 3):
         other = fit(run.replace(centre=run.centre + move), model, chosen)
-        moved.append(np.concatenate([other.plate - base.plate, other.cmm - base.cmm]))
-    exact = np.sqrt(np.sum(np.square(moved), axis=0)) / step
-    assert np.concatenate(base.deviation_u) / base.sigma == pytest.approx(exact, rel=1e-4)
+        shift, turn, freed = clamping(other.plate, run.radius)
+        moved.append(np.concatenate([other.plate - base.plate, other.cmm - base.cmm, freed - plate.freed]))
+        lies.append(np.concatenate([shift - plate.shift, turn - plate.turn]))
+    exact, exact_lie = (np.sqrt(np.sum(np.square(every), axis=0)) / step for every in (moved, lies))
+    assert np.concatenate([*base.deviation_u, plate.u_freed]) / base.sigma == pytest.approx(exact, rel=1e-4)
+    assert plate.u / base.sigma == pytest.approx(exact_lie, rel=1e-4)
+    assert np.sum(plate.u_freed**2) < np.sum(base.deviation_u[0]**2)
 
 
 def test_errors_are_covered_by_the_uncertainties():

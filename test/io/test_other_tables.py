@@ -46,7 +46,8 @@ def test_five_columns_suffice():
     plain = parse(TABLE)
     empty = rows(lambda cells: ['', *cells[1:4], '', *cells[5:8], '', '', ''])
     for text, words in ((columns_of(TABLE, FIVE), ()), (empty, ()), (columns_of(TABLE, SPOKEN), (
-            "columns were taken so: 'Table Position' as table_position, 'Ball' as ball, 'X' as x_mm, 'y [mm]' as y_mm, "
+            "columns were read as follows: 'Table Position' as table_position, "
+            "'Ball' as ball, 'X' as x_mm, 'y [mm]' as y_mm, "
             "'Z (mm)' as z_mm",)), ('# ' + columns_of(TABLE, FIVE).replace('\ntable_pos', '\n# table_pos')[2:], ())):
         run = parse(text)
         assert run.notes == (*words, ABSENT)

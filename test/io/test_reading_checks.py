@@ -147,7 +147,7 @@ def test_a_model_that_fits_doubtful_readings_is_an_outcome():
     run = measured(table_travel=lambda _, answer: 0.0).to_run()
     verdict = judge(run)
     assert verdict.outcome == Outcome.DOUBTFUL_READINGS
-    assert verdict_text(verdict).sentence.startswith('The model fits, but there are doubts about the readings: ')
+    assert re.fullmatch(r'The model fits: .*\. The readings themselves are in doubt\.', verdict_text(verdict).sentence)
     assert not verdict.model_fails
 
 

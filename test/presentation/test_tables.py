@@ -55,7 +55,10 @@ def test_deviations_are_those_of_the_evaluation():
     np.testing.assert_allclose(rigid_motion(np.array(wanted['plate_freed_m']), wanted['radius_m'] * np.stack(
         [np.cos(wanted['angle_rad']), np.sin(wanted['angle_rad']), np.zeros(wanted['n'])], axis=-1)), 0, atol=1e-15)
     tilt = 1e6 * np.hypot(*wanted['clamping_rotation_rad'][:2])
-    assert f'tilt {tilt:.1f} µrad' in tables()['deviations'].note
+    expanded = 1e6 * max(wanted['clamping_U_rotation_rad'][:2])
+    assert re.search(rf'tilt {tilt:.2f} ± {expanded:.2f} µrad', tables()['deviations'].note)
+    np.testing.assert_allclose([[2e-6 * float(row[f'u_plate_{axis}_um']) for axis in 'xyz'] for row in found],
+                               wanted['plate_freed_U_m'], rtol=1e-12)
     for what in ('plate_freed', 'cmm'):
         np.testing.assert_allclose(
             [[1e-6 * float(row[f'{what.partition("_")[0]}_{axis}_um']) for axis in 'xyz'] for row in found],

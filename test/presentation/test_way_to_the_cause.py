@@ -15,4 +15,4 @@ def test_every_text_can_be_read():
     assert faults(made) == []
     texts = [text for text, _, _ in texts_of(made)]
     assert {'linear probe drift', 'warm-up of the machine and thermal expansion of the plate',
-            'nothing more', 'settled, 95 %'} <= {' '.join(text.split()) for text in texts}
+            'no further effect', 'settled, 95 %'} <= {' '.join(text.split()) for text in texts}

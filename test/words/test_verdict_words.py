@@ -40,7 +40,9 @@ PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'searched values
            'a bound, not an estimate', 'if left out', "'in rms'", 'envelope is shut', 'What was hidden',
            "'time, sequence'", 'consecutive readings are', 'takes them off', 'takes it off', 'the table does wrong',
            'most like ', 'follows the temperature', 'behind the temperature', 'between two seats',
-           'until it has soaked', 'growth of the table', 'sudden shift', 'offset of a ball', 'KeyError:', 'TypeError:')
+           'until it has soaked', 'growth of the table', 'sudden shift', 'offset of a ball', 'KeyError:', 'TypeError:',
+           'doubts about the readings', 'is none of a plate', 'were taken so', 'times the uncertainty of one',
+           '% of its distribution, k', 'where σ is', ' : {100 -', 'Physical names mean')
 """Of these each interface, and the documentation, says what a metrologist says instead."""
 ALIKE = (('time', 'temperature', 'touches', 'travel'),)
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
@@ -92,7 +94,7 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     assert text.limits == ('This run cannot tell slip of one ball from loose ball (5 %).',
                            'This run could not have shown backlash of the table.')
     assert does_words(slip()) == (
-        'ball 11 moves by 1.90 µm in x, 0.40 in z between readings 69 and 74 (37.4 to 49.7 min, 97 %)')
+        'ball 11 moves by 1.90 µm in x, 0.40 µm in z between readings 69 and 74 (37.4 to 49.7 min, 97 %)')
     assert minutes_words(60.0, 61.0) == '1 to 1.017 min'
     assert (chance(0.9999), chance(1e-5)) == ('99 %', '1 %')
 

@@ -6,9 +6,10 @@ D_perp = D - Q Q' D, the joint solution is a = D_perp^+ y, the base parameters f
 Nonlinear parameters enter the uncertainties by their tangents d(D a)/d(theta).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -226,16 +227,16 @@ class JointSpace:
         """What effects and tangents would do to the base parameters, were they not in the model."""
         return self.space.parameters(self.every)
 
-    def _share(self, name: str) -> Floats:
-        """Return the effects' share in the variances of some base parameters per unit variance, (n, c) or (1, 1)."""
+    def share(self, part: Callable[[BaseParameters], Floats]) -> Floats:
+        """Return the effects' share in the variances of a part (m, n, c) of the base parameters, (n, c) or (1, 1)."""
         if not len(self.every):
             return np.zeros((1, 1))
-        bias = getattr(self._bias, name)
+        bias = part(self._bias)
         return np.asarray(np.einsum('anc,ab,bnc->nc', bias, self.cofactor, bias))
 
     def effect_cofactor(self) -> Floats:
         """Return the effects' share in the variances of the curves per unit variance, (n, 6)."""
-        return np.maximum(self._share('curves'), np.zeros((self.space.n, 6)))  # rounding may leave less
+        return np.maximum(self.share(attrgetter('curves')), np.zeros((self.space.n, 6)))  # rounding may leave less
 
     def curve_cofactor(self) -> Floats:
         """Return variances of the curves per unit variance, (n, 6), effects' share included."""
@@ -259,7 +260,7 @@ class JointSpace:
     def deviation_cofactors(self) -> tuple[Floats, Floats]:
         """Return variances of plate and CMM per unit variance, (n, 3) each, effects' share included."""
         plate, cmm = self.space.deviation_cofactors()
-        return plate + self._share('plate'), cmm + self._share('cmm')
+        return plate + self.share(attrgetter('plate')), cmm + self.share(attrgetter('cmm'))
 
 
 def _pseudo_inverse(flat: Floats, scale: Floats) -> tuple[Floats, Floats, Floats]:

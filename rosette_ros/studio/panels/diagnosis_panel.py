@@ -197,7 +197,8 @@ class CandidatesPanel:
 
 def _draw_shape(shape: Shape) -> None:
     """Show what was recovered of a shape, with its band, beside the claim."""
-    words = f'What is recovered against {shape.variable}' + (', beside the claim' if shape.claim else '')
+    words = f'Course that the readings show against {shape.variable}' + (
+        ', and that of the effect found' if shape.claim else '')
     widgets.Figure(0, words, 'shape-figure').draw((shape,), shapes, [shape])
 
 
