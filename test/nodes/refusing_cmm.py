@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated CMM that takes every plan, but not the first block of readings that is to be added to one."""
 
-import sys
+from functools import partial
 
 from rosette_msgs.msg import ProbeTarget
 
@@ -26,5 +26,5 @@ class RefusingCmm(SimulatedCmm):
                 raise InvalidPlan(f'no way to ball {targets[0].ball}')
 
 
-if __name__ == '__main__':
-    sys.exit(run_node(names.CMM, RefusingCmm))
+main = partial(run_node, names.CMM, RefusingCmm)
+"""Run the node; returns the exit code."""

@@ -7,7 +7,6 @@ KILLS=30 tries so many seeded kills, `make soak` does.
 import os
 import signal
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -180,9 +179,8 @@ def test_the_service_takes_until_from_the_parameters(domain_id, cell_of, trigger
     assert N * N < run.size <= N * N + 6
 
 
-def test_a_block_that_the_cmm_refuses(domain_id, cell_of, monkeypatch, capsys):
+def test_a_block_that_the_cmm_refuses(domain_id, cell_of, capsys):
     """Over the service of a real node: the next best block is measured, and a replay chooses it, too."""
-    monkeypatch.setenv('PYTHONPATH', f'{Path(__file__).parent}{os.pathsep}{os.environ.get("PYTHONPATH", "")}')
     cell = cell_of(N, groups={'hidden': HIDDEN})
     cell._modules[names.CMM] = 'refusing_cmm'
     with cell, CellClient(domain_id) as client:
