@@ -49,6 +49,7 @@ fuzz: setup
 
 soak: setup
 	@KILLS=60 $(VENV_PYTHON) -m pytest -q --timeout 3600 test/nodes/test_cell_kills.py
+	@KILLS=30 $(VENV_PYTHON) -m pytest -q --timeout 3600 test/nodes/test_cell_until.py -k killed
 	@$(VENV_PYTHON) -m benchmarks.soak
 	@$(VENV_PYTHON) -m benchmarks.recorder_rate
 

@@ -187,11 +187,11 @@ def _on(scheme: Scheme, start: int, count: int) -> Scheme:
 
 
 def work(search: Search) -> list[Record]:
-    """Return the records of a machine, by both ways; one that shows nothing is skipped."""
+    """Return the records of a machine, by both ways; one that shows nothing, or cannot be judged, is skipped."""
     of = {'order': search.order, 'n': search.n, 'number': search.number}
     try:
         return [{**of, **one} for one in search.records()]
-    except NotShown as why:
+    except (NotShown, NotDeterminable) as why:
         return [{**of, 'chosen': chosen, 'name': str(why), 'skipped': True} for chosen in (True, False)]
 
 

@@ -167,6 +167,25 @@ def test_a_hidden_effect_is_named(cell, client, served):
     assert 'backlash of the table' in outcome.verdict.sentence
 
 
+def test_a_run_goes_on_until_it_is_known(cell, client, served):
+    """Blocks are measured touch by touch, like a plan; a probability that no run reaches ends at the limit."""
+    commands = served.server.commands
+    whole = commands.cmm
+    commands.cmm = VirtualCmm(served.config.changed(probing={'repeatability_um': 0.2}, hidden=[
+        {'kind': 'table_backlash', 'width_urad': 20.0}]))
+    try:
+        outcome = client.calibrate('there_and_back', until_probability=1 - 1e-9, most_readings=N, check=cell.check)
+    finally:
+        commands.cmm = whole
+    assert outcome.success, outcome.message
+    assert 'not settled: ' in outcome.message
+    log = read_log(outcome.log)
+    run, refit = open_refitted(outcome.log)
+    planned, *_ = log.asked[outcome.run_id][1]
+    assert planned < run.size <= planned + N
+    assert refit.residual.size == 20 * (3 + 2 * N + run.size + 1)
+
+
 @pytest.mark.parametrize(('goal', 'words'), [
     ({'balls': 6}, 'table position 1, ball 1: wanted a plan of 3 balls, as the settings have (table.balls), got one of '
                    '6'),

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cell that measures until nothing is open: one run, one log, which alone tells why each reading was made."""
+"""A cell that measures until nothing is open: one run, one log, which alone tells why each reading was made.
+
+KILLS=30 tries so many seeded kills, `make soak` does.
+"""
 
 import os
 import signal
@@ -11,6 +14,7 @@ import yaml
 from rclpy.serialization import deserialize_message
 from rosette_msgs.msg import BallCentre, CalibrationEvent, ProbeTarget
 
+from rosette_ros.analysis import summarise
 from rosette_ros.calibration.settings import PLANNED, plan_of
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES
@@ -21,6 +25,7 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase, answer_of
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.conversions import target_message
+from rosette_ros.presentation.report import open_source, report_html
 
 pytestmark = pytest.mark.long
 
@@ -28,6 +33,9 @@ N, MOST = 6, 12
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
 GOAL = {'order': 'row', 'until_probability': 1 - 1e-9, 'most_readings': MOST}
 """A probability that no run reaches: readings are added up to the limit, or until none helps."""
+BEFORE = 3 + 2 * N
+"""Targets before those of the run: repeatability and alignment."""
+KILLS = int(os.environ.get('KILLS', '4'))
 ASKING = 'asking the evaluator'
 
 
@@ -106,13 +114,16 @@ def completed(calibrate):
             time.sleep(0.2)
 
 
-@pytest.mark.parametrize('name', MODULES)
-def test_a_node_is_killed_while_a_block_is_asked(cell, module_domain_id, name, domain_id, capsys):
-    """Nothing is lost, the run ends as it would have, and its log gives the same blocks again."""
-    killed = []
+@pytest.mark.parametrize('seed', range(KILLS))
+def test_a_node_is_killed(cell, module_domain_id, seed, domain_id, capsys):
+    """Every node in turn, while a block is asked, and at a drawn moment: nothing is lost, the run ends as it would
+    have, and its log gives the same blocks again."""
+    name, killed = list(MODULES)[seed % len(MODULES)], []
+    is_while_asked = seed // len(MODULES) % 2 == 0
+    moment = int(np.random.default_rng(seed).integers(1, BEFORE + N * N + 1))
 
     def look(progress):
-        if progress.text.startswith(ASKING) and not killed:
+        if (progress.text.startswith(ASKING) if is_while_asked else progress.done >= moment) and not killed:
             killed.append(progress.done)
             cell.processes[name].popen.send_signal(signal.SIGKILL)
             cell.processes[name].popen.wait(60)
@@ -133,9 +144,59 @@ def test_a_node_is_killed_while_a_block_is_asked(cell, module_domain_id, name, d
     _, added = decided(log)
     assert log.problems == ()
     assert len(readings(log.runs[run_id])) == N * N + len(added)
-    assert {one.seq for one in log.answers} == set(range(1, 3 + 2 * N + N * N + len(added) + 2))
+    assert {one.seq for one in log.answers} == set(range(1, BEFORE + N * N + len(added) + 2))
     assert main(['replay', str(outcome.log), '--domain', str(domain_id)]) == 0
     assert 'next readings equal to those in the log' in ' '.join(capsys.readouterr().out.split())
+
+
+def test_the_report_shows_the_way(outcome):
+    """What was known after the plan and after each block, from the log alone."""
+    log = read_log(outcome[0].log)
+    until, asked = log.asked[outcome[0].run_id]
+    sizes = [N * N + len(one) for one in map(added_in, log.events) if one is not None]
+    assert until == 1 - 1e-9 and asked == [N * N, *sizes[:-1]]
+    run, source = open_source(outcome[0].log)
+    assert source.asked == tuple(asked)
+    assert 'The way to the cause: probability of the leading explanations' in report_html(summarise(run), source)
+
+
+def added_in(event):
+    """Return the readings that were added until an event of an extension, None for another event."""
+    if event.kind != CalibrationEvent.EXTENDED:
+        return None
+    return yaml.safe_load(event.settings)['added'].split(', ')
+
+
+def test_the_service_takes_until_from_the_parameters(domain_id, cell_of, trigger, wait_until):
+    """A schedule that knows nothing of goals starts a run that goes on, too."""
+    parameters = {'order': 'row', 'until.probability': 1 - 1e-9, 'until.most_readings': 6}
+    with cell_of(N, sequencer=parameters, groups={'hidden': HIDDEN}) as cell, CellClient(domain_id) as client:
+        started, run_id = trigger(client, 'start_calibration')
+        assert started, run_id
+        wait_until(lambda: 'not settled: ' in cell.processes['sequencer'].text())
+        wait_until(lambda: (cell.log_dir / run_id / 'metadata.yaml').is_file())
+    run = read_log(cell.log_dir / run_id).to_run()
+    assert N * N < run.size <= N * N + 6
+
+
+def test_a_block_that_the_cmm_refuses(domain_id, cell_of, capsys):
+    """Over the service of a real node: the next best block is measured, and a replay chooses it, too."""
+    cell = cell_of(N, groups={'hidden': HIDDEN})
+    cell._modules[names.CMM] = 'refusing_cmm'
+    with cell, CellClient(domain_id) as client:
+        outcome = client.calibrate(**{**GOAL, 'most_readings': 6}, check=cell.check)
+        said = cell.processes['sequencer'].text()
+    assert outcome.success, outcome.message
+    assert 'the CMM cannot measure this plan: no way to ball' in said and 'asking for other readings' in said
+    asked = [(request, response) for _, request, response in decisions_of(outcome.log)]
+    first, second = asked[:2]
+    assert not first[0].refused and list(second[0].refused) == [first[1].block]
+    assert second[1].block != first[1].block
+    added = [' '.join(row.split()[:2]) for row in decided(read_log(outcome.log))[1]]
+    block = second[1].block
+    assert added[:len(block.ball)] == [f'{i} {j}' for i, j in zip(block.table_position, block.ball)]
+    assert main(['replay', str(outcome.log), '--domain', str(domain_id)]) == 0
+    assert f'next readings equal to those in the log, {len(asked)} times' in ' '.join(capsys.readouterr().out.split())
 
 
 def test_a_run_is_cancelled_while_a_block_is_asked(cell, module_domain_id):

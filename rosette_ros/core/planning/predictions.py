@@ -210,7 +210,7 @@ def _solved(blocks: Sequence[tuple[slice, list[slice]]], gram: Floats,
         for one in tangents:
             mix.append(np.zeros(len(gram)))
             mix[-1][one] = amplitude[of == place]
-    every = np.array(mix)
+    every = np.array(mix).reshape(-1, len(gram))
     weight = np.concatenate([prior**-2, np.ones(len(every) - len(own))])
     return every, amplitude, np.linalg.inv(every @ gram @ every.T + np.diag(weight))
 
