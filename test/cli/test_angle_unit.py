@@ -6,7 +6,9 @@ import io
 import json
 
 import pytest
+from pypdf import PdfReader
 from simulated import simulated_table
+from test_certificate import IDENTITY
 
 from rosette_ros.core.number_words import ANGLES, angle_unit, show_angles
 from rosette_ros.presentation.formatting import clamping_words, curve_units, scale_of
@@ -51,6 +53,18 @@ def test_pages_and_their_pictures_follow(rosette, make_table, tmp_path):
     page = tmp_path / 'page.html'
     assert rosette('report', make_table(order='random'), '--annex', '-o', page, *ARCSEC).code == 0
     assert 'arcsec' in page.read_text() and 'rad<' not in page.read_text() and 'µrad' not in page.read_text()
+
+
+def test_pages_of_a_certificate_follow_its_document_does_not(rosette, make_table, tmp_path):
+    """D-SI has no arc second: the XML keeps microradians, and agrees with its run in either unit; the PDF has none."""
+    xml, pdf, identity, table = *(tmp_path / f'a.{end}' for end in ('xml', 'pdf', 'yaml')), make_table(order='random')
+    identity.write_text(IDENTITY)
+    told = rosette('certificate', table, '--identity', identity, '-o', xml, '--pdf', pdf, *ARCSEC)
+    assert told.code == 0 and 'arcsec' in told.out and 'µrad' not in told.out
+    assert r'\micro\radian' in xml.read_text() and 'arcsec' not in xml.read_text()
+    text = ' '.join(page.extract_text() for page in PdfReader(pdf).pages)
+    assert 'arcsec' in text and 'µrad' not in text
+    assert rosette('certificate', '--verify', xml, table).code == 0
 
 
 def test_csv_says_its_unit_and_json_stays(rosette, make_table):
