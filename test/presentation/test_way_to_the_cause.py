@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of the way to a cause."""
+"""The picture of the way to a cause, by itself and in the report of a run that was measured until it is known."""
 
 from figure_texts import faults, texts_of
+from summaries import summary_of
 
 from rosette_ros.core.planning.next_readings import Contender, SettlingStep
 from rosette_ros.presentation.plots.plan_plots import way_to_the_cause
+from rosette_ros.presentation.report import Source, report_html
 
 
 def test_every_text_can_be_read():
@@ -15,4 +17,11 @@ def test_every_text_can_be_read():
     assert faults(made) == []
     texts = [text for text, _, _ in texts_of(made)]
     assert {'linear probe drift', 'warm-up of the machine and thermal expansion of the plate',
-            'no further effect', 'settled, 95 %'} <= {' '.join(text.split()) for text in texts}
+            'nothing more', 'settled, 95 %'} <= {' '.join(text.split()) for text in texts}
+
+
+def test_a_report_has_the_way_where_readings_were_added():
+    """One that was asked once, after its plan, has none."""
+    pages = [report_html(summary_of('drift', 6), Source('run', (), until=0.95, asked=asked)) for asked in (
+        (30, 36), (36,), ())]
+    assert ['The way to the cause: probability' in one for one in pages] == [True, False, False]

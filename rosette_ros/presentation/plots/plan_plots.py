@@ -129,22 +129,22 @@ def way_to_the_cause(steps: Sequence[SettlingStep], until: float) -> Figure:
     """Return a figure of the probabilities of the leading explanations, and of U, after the readings of each step.
 
     until: the probability from which on an explanation is settled, 0 for any."""
-    made, panels = style.figure(4.4, 2)
-    above, below = panels[:, 0]
+    made, [[left, right]] = style.figure(2.6, 1, 2)
     readings = [step.readings for step in steps]
     for place, (names, p) in enumerate(leading(steps).items()):
         words = contender_words(Contender(names, p[-1]))
-        above.plot(readings, p, linewidth=1.0, markersize=3, label=words, **style.look_of(place))
+        left.plot(readings, p, linewidth=1.0, markersize=3, label=words, **style.look_of(place))
     if until:
-        above.axhline(until, color=style.GREY, linewidth=1.0, linestyle=style.DASHED,
-                      label=f'settled, {100 * until:g} %')
-    above.set(ylim=(0, 1.05), ylabel='probability')
-    above.set_title('Explanations')
-    below.plot(readings, [1e6 * step.uncertainty for step in steps], color=style.AFTER, linewidth=1.0, marker='o',
+        left.axhline(until, color=style.GREY, linewidth=1.0, linestyle=style.DASHED,
+                     label=f'settled, {100 * until:g} %')
+    left.set(ylim=(0, 1.05), xlabel='readings')
+    left.set_title('probability of the explanations')
+    expanded = [1e6 * step.uncertainty for step in steps]
+    right.plot(readings, expanded, color=style.AFTER, linewidth=1.0, marker='o',
                markersize=3)
-    below.set(ylim=(0, None), ylabel='µm', xlabel='readings')
-    below.set_title('U (k = 2) of the worst point of the curves')
-    for panel in (above, below):
+    right.set(ylim=(0, 1.05 * max(expanded)), xlabel='readings')
+    right.set_title('U of the worst point of the curves / µm')
+    for panel in (left, right):
         style.scale(panel)
-    style.legend_of(made, [above])
+    style.legend_of(made, [left])
     return made

@@ -12,6 +12,7 @@ from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Level, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.planning.next_readings import UNTIL, Contender, in_doubt
 from rosette_ros.core.records import Run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
@@ -107,7 +108,8 @@ class VerdictPanel:
             one.set_visibility(bool(missing) and self._controller.session.preview is None)
             one.set_text(f'{verb} {what}')
         explanations = results.summary.diagnosis.explanations if results.summary else ()
-        self._settle.set_visibility(len({one.members for one in explanations}) > 1)
+        contenders = [Contender(one.members, one.probability) for one in explanations]
+        self._settle.set_visibility(bool(contenders) and in_doubt(contenders, UNTIL) is not None)
         self._next.set_text((self._controller.answer('next') or ('',))[0])
         self._causes.show(self._show_causes, verdict)
 

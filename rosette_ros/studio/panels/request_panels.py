@@ -91,7 +91,7 @@ class WayPanel:
     def __init__(self, controller: Controller, on_show: Callable[[], Awaitable[None]]) -> None:
         """Build it; on_show(): judge the run after each block."""
         self._controller = controller
-        with widgets.folded_card('Way to the cause', 'way') as self._card:
+        with widgets.card('Way to the cause', 'way') as self._card:
             button('Judge after each block', on_show, 'timeline', 'way-go')
             self._result = widgets.result_area('way-result')
 
