@@ -271,8 +271,8 @@ class Bank:
                 place = slice(begin + own.start, begin + own.stop)
                 q = part.m * which.shape[1]
                 if piece.key[1]:
-                    some = zip(group.family[place], group.setting[place])
-                    variance = np.array([FREE.course(self.run, self.families[k].settings[j])[1] for k, j in some])
+                    pairs = zip(group.family[place], group.setting[place])
+                    variance = np.array([FREE.course(self.run, self.families[k].settings[j])[1] for k, j in pairs])
                     sums = part.rows_of(square, wave, which)[..., 0]
                     group.mix[place, :q] = scaled(sums, variance.reshape(len(wave), part.m))
                 else:

@@ -63,13 +63,13 @@ class BaseParameters:
 class Waves:
     """Functions of the readings, (v, m, N), or (v, m, r) at the readings `at`, (v, r), beside which they are zero."""
 
-    values: NDArray[np.float32]
+    values: NDArray[np.floating[Any]]
     at: Ints | None = None
 
     @property
     def rows(self) -> int:
         """How many they are, v m."""
-        return self.values.shape[0] * self.values.shape[1]
+        return int(self.values.shape[0] * self.values.shape[1])
 
     def within(self, some: slice) -> 'Waves':
         """Return some of them."""
@@ -79,7 +79,7 @@ class Waves:
         """Return their products with something at each reading, (N, k), (v m, k), of its precision."""
         values = self.values.astype(right.dtype, copy=False)
         made = values.reshape(-1, len(right)) @ right if self.at is None else np.matmul(values, right[self.at])
-        return made.reshape(self.rows, right.shape[1])
+        return np.asarray(made.reshape(self.rows, right.shape[1]))
 
     def sums(self, right: NDArray[np.float32], label: Ints, members: Ints) -> NDArray[np.float32]:
         """Return the same by label, of which there are n: (n, v m, k).
@@ -89,7 +89,7 @@ class Waves:
         if self.at is None:
             rows = self.values.reshape(-1, len(label))
             rows = np.concatenate([rows, np.zeros((len(rows), 1), rows.dtype)], axis=1)
-            return np.matmul(rows.T[members].transpose(0, 2, 1), right[members])
+            return np.asarray(np.matmul(rows.T[members].transpose(0, 2, 1), right[members]))
         (v, m, _), every = self.values.shape, np.arange(len(self.at))
         out = np.zeros((len(members), v, m, right.shape[1]), np.float32)
         for reading, value in zip(self.at.T, self.values.transpose(2, 0, 1)):
@@ -411,12 +411,13 @@ class BaseSpace:
 
     def freed_cofactor(self) -> Floats:
         """Return the variances of the plate freed of its motion as a body, (n, 3), as `deviation_cofactors` does."""
-        return self._named(np.concatenate([one.variances(scipy.linalg.orth(motions)) for one, motions in zip(
-            self._factors, self._places.bodily)]), 2).plate[0]
+        return np.asarray(self._named(np.concatenate([one.variances(scipy.linalg.orth(motions)) for one, motions in zip(
+            self._factors, self._places.bodily)]), 2).plate[0])
 
     def clamping_cofactor(self) -> Floats:
         """Return the variances of that motion for unit variance of a coordinate: shift, turn in 1/m^2, (6,)."""
-        z, xy = (one.variances_of(np.linalg.pinv(motions)) for one, motions in zip(self._factors, self._places.bodily))
+        z, xy = (one.variances_of(np.asarray(np.linalg.pinv(motions), dtype=float))
+                 for one, motions in zip(self._factors, self._places.bodily))
         return np.array([*xy[:2], z[0], *z[1:] / self.lever**2, xy[2] / self.lever**2])
 
     @cached_property

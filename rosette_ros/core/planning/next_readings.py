@@ -288,7 +288,7 @@ def in_names(contenders: Sequence[Contender]) -> dict[str, float]:
     p = Counter[str]()
     for one in contenders:
         p.update(dict.fromkeys(one.names, one.probability))
-    return p
+    return dict(p)
 
 
 def in_doubt(contenders: Sequence[Contender], until: float) -> Separation | None:

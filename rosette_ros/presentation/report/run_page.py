@@ -143,8 +143,8 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
         'residuals_against': residual_plots.against(rows, run.repeatability),
         'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for _, one in fits]),
         'noise': noise_plots.noise(summary.final),
-        **({'ladder': comparison_plots.ladder(steps, run.repeatability, run.repeatability_dof)}
-           if (steps := summary.ladder) else {}),
+        **({'ladder': comparison_plots.ladder(ladder, run.repeatability, run.repeatability_dof)}
+           if (ladder := summary.ladder) else {}),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
         **({'shapes': shape_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
         'pairs': plan_plots.pairs_in_order(run),
