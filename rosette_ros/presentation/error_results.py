@@ -81,8 +81,8 @@ def _factors(lines: Sequence[AxisError]) -> str:
     if not span.keys() - {text.fixed(COVERAGE_FACTOR, 2)}:
         return ''
     ends = ' to '.join(dict.fromkeys((min(span), max(span))))
-    return (f' U of the range: half of the interval that holds 95.45 % of its distribution, k = {ends}; conformity is '
-            f'stated from a probability of {text.fixed(100 * SURE, 1)} % on (JCGM 106).')
+    return (f' U of the range: half of the interval, k = {ends}, that holds 95.45 % of its distribution; conformity '
+            f'is stated from a probability of {text.fixed(100 * SURE, 1)} % on (JCGM 106).')
 
 
 def differences(every: Mapping[str, ErrorMotions]) -> Table:

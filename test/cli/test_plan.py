@@ -155,7 +155,7 @@ def test_a_plan_is_written_and_read_again(rosette, refused, tmp_path):
     assert 'exists already' in refused('plan', *order, '-o', path)
     read = words_of(rosette('plan', path))
     assert read == written.partition(' Written to')[0]
-    for words in ('rank 113 of 131', 'curves with 1.22 times the uncertainty', 'deviations of the CMM at positions '
+    for words in ('113 of the 131 combinations', 'curves with 1.22 times its', 'deviations of the CMM at positions '
                   '3, 5, 7, 8, 11, 12: not measured', 'table_backlash 100 %', 'ctx 0.067 µm', 'Time 0.71 h'):
         assert words in read
 

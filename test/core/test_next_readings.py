@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The next readings of a run: predictions against dense algebra, blocks against chance and on a simulated machine."""
 
+import re
+
 import numpy as np
 import pytest
 from dense_space import DenseSpace, design
@@ -150,7 +152,7 @@ def test_a_block_settles_warm_up_against_drift_along_a_curve():
     assert {found.separates.first.names, found.separates.second.names} == {('frame_drift_curved',), (WARM_UP,)}
     assert found.separates.expected > found.separates.now and found.gain > 0
     assert open_words(found).startswith('settling: non-linear probe drift or warm-up of the machine, ')
-    assert ' readings, ' in next_words(found)[1] and next_words(found)[1].endswith(' expected.')
+    assert ' min) are expected to separate ' in next_words(found)[1] and next_words(found)[1].endswith(' %.')
     for _ in range(8):
         if found.is_settled:
             break
@@ -207,7 +209,7 @@ def test_a_block_for_u_is_where_it_falls_most():
     worst = np.max(variance * np.repeat([1.0, run.radius], 3)**2)
     assert found.expected_uncertainty == pytest.approx(2 * sigma * np.sqrt(worst), rel=1e-3)
     assert found.expected_uncertainty < before.uncertainty
-    assert next_words(found)[1].startswith('Lowers U: 6 readings, ')
+    assert re.match(r'6 readings \(\d+ min\) are expected to lower U from ', next_words(found)[1])
 
 
 def test_what_no_reading_tells_apart_is_said_at_once(monkeypatch):

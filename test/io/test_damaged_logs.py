@@ -22,7 +22,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import log_reader
 from rosette_ros.io.ball_centre_table import read_csv
-from rosette_ros.io.log_reader import MAGIC, iter_log, message_decoder, read_log
+from rosette_ros.io.log_reader import MAGIC, iter_log, read_log
+from rosette_ros.io.message_decoder import message_decoder
 from rosette_ros.io.run_to_log import write_log
 
 TABLE = Path(__file__).parents[1] / 'golden' / 'tables' / 'table_clean_n6_row.csv'

@@ -74,3 +74,25 @@ def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
         raise InvalidPlan(f'{source}: does not determine the curves: its {pairs.size} pairs of table position and ball '
                           f'have rank {rank} where {wanted} is needed; wanted CMM positions or balls that are not '
                           'equally spaced, and readings that join all of them')
+
+
+def unseen(n: int) -> tuple[Floats, Floats]:
+    """Return the combinations of unknowns that no readings see, of z, (5 n, 6), and of x and y, (7 n, 7)."""
+    phi = nominal_angles(n)
+    c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
+    z = np.block([
+        [one, o, o, o, -one],       # height of the table against the CMM
+        [o, o, o, one, -one],       # height of the plate against the CMM
+        [o, one, o, o, -s],         # mean tilt about x: z = R sin alpha
+        [o, o, one, o, c],          # mean tilt about y: z = -R cos alpha
+        [o, c, s, -s, o],           # tilt that turns: z = R sin(alpha - phi)
+        [o, -s, c, c, o]])          # z = -R cos(alpha - phi)
+    w = np.block([
+        [one, o, o, o, o, -one, o],     # mean of ctx against the CMM
+        [o, one, o, o, o, o, -one],     # mean of cty
+        [c, s, o, -one, o, o, o],       # eccentricity of the plate
+        [-s, c, o, o, -one, o, o],
+        [o, o, one, s, -c, o, o],       # mean turn of the table against the plate
+        [o, o, o, -s, c, s, -c],        # turn of the plate against the CMM
+        [o, o, o, c, s, -c, -s]])       # radial scale of plate against CMM
+    return z.T, w.T

@@ -27,8 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, normal_equations
+from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, normal_equations, unseen
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.records import CURVES, Bools, Floats, Ints, Run
@@ -149,24 +148,16 @@ class Factor:
         """What `halved` multiplies the transposed right sides by, (q, q)."""
         return np.ascontiguousarray(lapack.dtrtri(self._root, lower=1)[0].T, dtype=np.float32)
 
-    def variances(self, modes: Floats | None = None) -> Floats:
-        """Return the variances of the unknowns in the gauge, (q, 1): the diagonal of (1 - V S) N^-1 (1 - V S)'.
-
-        modes: (q, k), orthonormal, of which the unknowns are freed then: V, S grow by them."""
-        vectors, shift = self._vectors, self._shift
-        if modes is not None:
-            vectors, shift = np.hstack([vectors, modes]), np.vstack([shift, self._seen(modes.T)])
-        mixed = self.solved(shift.T)
-        more = np.sum(vectors * (vectors @ (shift @ mixed) - 2 * mixed), axis=1)
-        return np.asarray((self.inverse().diagonal() + more)[:, None])
-
-    def variances_of(self, rows: Floats) -> Floats:
-        """Return the variances of combinations (k, q) of the unknowns in the gauge, (k,)."""
-        seen = self._seen(rows)
-        return np.asarray(np.sum(seen.T * self.solved(seen.T), axis=0))
-
-    def _seen(self, rows: Floats) -> Floats:
+    def seen(self, rows: Floats) -> Floats:
+        """Return combinations (k, q) of the unknowns in the gauge as such of the unknowns: times 1 - V S."""
         return np.asarray(rows - (rows @ self._vectors) @ self._shift)
+
+    @cached_property
+    def variances(self) -> Floats:
+        """The variances of the unknowns in the gauge, (q, 1): the diagonal of (1 - V S) N^-1 (1 - V S)'."""
+        mixed = self.solved(self._shift.T)
+        more = np.sum(self._vectors * (self._vectors @ (self._shift @ mixed) - 2 * mixed), axis=1)
+        return np.asarray((self.inverse().diagonal() + more)[:, None])
 
 
 class Places:
@@ -200,16 +191,6 @@ class Places:
         fixed = np.where(table.any(axis=0), table, cmm).T
         own = vectors @ scipy.linalg.null_space(vectors[~self.in_use[part]])
         return vectors, np.linalg.solve(fixed @ vectors, fixed), np.linalg.qr(own)[0]
-
-    @cached_property
-    def bodily(self) -> list[Floats]:
-        """Motions of the plate as a body: its shift and tilt of z (5 n, 3), shift and turn of x and y (7 n, 3)."""
-        phi = nominal_angles(self.n)
-        c, s, one, o = np.cos(phi), np.sin(phi), np.ones(self.n), np.zeros(self.n)
-        z = np.vstack([np.zeros((3 * self.n, 3)), np.stack([one, s, -c], axis=-1), np.zeros((self.n, 3))])
-        xy = np.vstack([np.zeros((3 * self.n, 3)), np.stack([one, o, -s], axis=-1), np.stack([o, one, c], axis=-1),
-                        np.zeros((2 * self.n, 3))])
-        return [motions * (self.touched & self.in_use)[part, None] for motions, part in zip((z, xy), self.parts)]
 
     def factors(self, white: Whitening) -> tuple[Factor, ...]:
         """Return the Factor of each of PARTS under a noise."""
@@ -409,20 +390,15 @@ class BaseSpace:
         """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each; not touched: NaN."""
         return self._variances.plate[0], self._variances.cmm[0]
 
-    def freed_cofactor(self) -> Floats:
-        """Return the variances of the plate freed of its motion as a body, (n, 3), as `deviation_cofactors` does."""
-        return np.asarray(self._named(np.concatenate([one.variances(scipy.linalg.orth(motions)) for one, motions in zip(
-            self._factors, self._places.bodily)]), 2).plate[0])
-
-    def clamping_cofactor(self) -> Floats:
-        """Return the variances of that motion for unit variance of a coordinate: shift, turn in 1/m^2, (6,)."""
-        z, xy = (one.variances_of(np.asarray(np.linalg.pinv(motions), dtype=float))
-                 for one, motions in zip(self._factors, self._places.bodily))
-        return np.array([*xy[:2], z[0], *z[1:] / self.lever**2, xy[2] / self.lever**2])
+    @property
+    def systems(self) -> list[tuple[Factor, Bools]]:
+        """The Factor of z, and that of x and y, and which of the unknowns (q,) are in the model and were touched."""
+        known = self._places.touched & self._places.in_use
+        return [(one, known[part]) for one, part in zip(self._factors, self._places.parts)]
 
     @cached_property
     def _variances(self) -> BaseParameters:
-        return self._named(np.concatenate([one.variances() for one in self._factors]), 2)
+        return self._named(np.concatenate([one.variances for one in self._factors]), 2)
 
     def _described(self, columns: Floats) -> Floats:
         """Return unknowns (12 n, m) that describe white columns (m, N, 3) best, in no gauge."""
@@ -455,25 +431,3 @@ def _too_few(run: Run, rank: str, missing: str = '') -> NotDeterminable:
         what = f'no ball centre at table position {", ".join(map(str, empty))}: the errors there cannot be determined'
     return NotDeterminable(f'{run.source}: {what}. Measure the missing balls; where RUN is a log: rosette calibrate '
                            '--resume RUN')
-
-
-def unseen(n: int) -> tuple[Floats, Floats]:
-    """Return the combinations of unknowns that no readings see, of z, (5 n, 6), and of x and y, (7 n, 7)."""
-    phi = nominal_angles(n)
-    c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
-    z = np.block([
-        [one, o, o, o, -one],       # height of the table against the CMM
-        [o, o, o, one, -one],       # height of the plate against the CMM
-        [o, one, o, o, -s],         # mean tilt about x: z = R sin alpha
-        [o, o, one, o, c],          # mean tilt about y: z = -R cos alpha
-        [o, c, s, -s, o],           # tilt that turns: z = R sin(alpha - phi)
-        [o, -s, c, c, o]])          # z = -R cos(alpha - phi)
-    w = np.block([
-        [one, o, o, o, o, -one, o],     # mean of ctx against the CMM
-        [o, one, o, o, o, o, -one],     # mean of cty
-        [c, s, o, -one, o, o, o],       # eccentricity of the plate
-        [-s, c, o, o, -one, o, o],
-        [o, o, one, s, -c, o, o],       # mean turn of the table against the plate
-        [o, o, o, -s, c, s, -c],        # turn of the plate against the CMM
-        [o, o, o, c, s, -c, -s]])       # radial scale of plate against CMM
-    return z.T, w.T

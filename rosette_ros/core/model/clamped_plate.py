@@ -4,9 +4,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
-from rosette_ros.core.geometry import Floats, clamping
-from rosette_ros.core.model.base_space import BaseParameters
+from rosette_ros.core.geometry import Floats, clamping, nominal_angles
+from rosette_ros.core.model.base_space import BaseParameters, BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 
 
@@ -33,6 +34,29 @@ def clamped_plate(fit: Fit) -> ClampedPlate:
         return np.array([clamping(one, radius)[2] for one in bias.plate])
 
     shift, turn, freed = clamping(fit.plate, radius)
+    of_motions, less = _cofactors(space)
     u, u_freed = (fit.weighted_sigma * np.sqrt(one) for one in (
-        space.clamping_cofactor() + fit.joint.share(motions)[0], space.freed_cofactor() + fit.joint.share(rest)))
+        of_motions + fit.joint.share(motions)[0], space.deviation_cofactors()[0] - less + fit.joint.share(rest)))
     return ClampedPlate(shift, turn, freed, u, u_freed)
+
+
+def _cofactors(space: BaseSpace) -> tuple[Floats, Floats]:
+    """Return the variances of shift and turn, (6,), and how much less those of the freed deviations are, (n, 3).
+
+    With C the covariance of z, or of x and y, and Q the motions of a body, orthonormal: C less its part in Q."""
+    n, phi = space.n, nominal_angles(space.n)
+    c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
+    plates = [[one, s, -c]], [[one, o, -s], [o, one, c]]  # shift and tilt of z; shift and turn of x and y
+    of_motions, less = [], []
+    for (factor, known), plate in zip(space.systems, plates, strict=True):
+        motions = np.zeros((known.size, 3))
+        motions[3 * n:(3 + len(plate)) * n] = np.concatenate([np.stack(axis, axis=-1) for axis in plate])
+        motions *= known[:, None]
+        rows = factor.seen(np.asarray(np.linalg.pinv(motions), dtype=float))
+        of_motions.append(np.sum(rows.T * factor.solved(rows.T), axis=0))
+        q = scipy.linalg.orth(motions)
+        mixed = factor.in_gauge(factor.solved(factor.seen(q.T).T))
+        less += np.split(np.sum(q * (2 * mixed - q @ (q.T @ mixed)), axis=1)[3 * n:(3 + len(plate)) * n], len(plate))
+    z, xy = of_motions
+    squares = np.array([*xy[:2], *z, xy[2]]) / np.repeat([1.0, space.lever**2], 3)
+    return squares, np.stack([less[1], less[2], less[0]], axis=-1)
