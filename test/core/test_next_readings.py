@@ -74,19 +74,6 @@ def test_predictions_are_those_of_dense_least_squares():
     assert np.abs(got.spread - spreads).max() < 1e-3 * np.max(spreads)
 
 
-def test_a_place_that_was_not_measured_tells_only_by_differences():
-    """At a CMM position that the run has not used one reading tells nothing, two tell what has changed between them."""
-    run = moved(lambda part: part, 200)
-    run = run.take(np.isin(run.cmm_position, (1, 2, 3, 5)))
-    predictor = Predictor(search_of(run, Model()), [members(DRIFT, axes='xyz'), []], np.array([0.5, 0.5]))
-    block = Scheme(6, 'next', 0, np.array([1, 6, 6]), np.array([4, 5, 4]), np.array([1, -1, -1]),
-                   wait=np.array([0, 3600.0, 0]))  # CMM positions 4, 4, 3
-    predicted = predictor.predicted(continued(run, block, USUAL_PACE))
-    first, second, third = (predicted.distances(count)[0, 1] for count in (1, 2, 3))
-    assert first < 0.01 < second < third
-    assert any(4 in way.every(run).cmm_position for way in ways(run))
-
-
 def test_a_run_goes_on_as_the_machine_does():
     """Travel and senses of a continued run are those of the simulated machine; times are at usual speeds, which are
     those of the machine to a tenth."""
@@ -260,10 +247,13 @@ def test_a_wait_only_where_no_short_block_settles():
 
 
 def test_ways_see_what_the_run_saw():
-    """A plate with balls at some places only: no way asks for others."""
+    """A plate with balls at some places only, or some CMM positions: no way asks for others, or leaves gaps."""
     run = synthetic_run(6, 'sensitive')[0]
-    run = run.take(run.ball != 4)
-    assert all(4 not in way.every(run).ball for way in ways(run))
+    assert all(4 not in way.every(some).ball for some in [run.take(run.ball != 4)] for way in ways(some))
+    some = run.take(np.isin(run.cmm_position, (1, 2, 3, 5)))
+    made = [way.every(some) for way in ways(some)]
+    assert all(np.isin(one.cmm_position, (1, 2, 3, 5)).all() for one in made)
+    assert some.is_gapless and all(continued(some, one, USUAL_PACE).is_gapless for one in made)
 
 
 def test_the_leading_explanations_of_a_run():
