@@ -137,7 +137,7 @@ def test_a_block_settles_warm_up_against_drift_along_a_curve():
     assert {found.separates.first.names, found.separates.second.names} == {('frame_drift_curved',), (WARM_UP,)}
     assert found.separates.expected > found.separates.now and found.gain > 0
     assert open_words(found).startswith('settling: non-linear probe drift or warm-up of the machine, ')
-    assert ' readings, ' in next_words(found)[1] and next_words(found)[1].endswith(' expected.')
+    assert ' are expected to separate non-linear probe drift from warm-up of the machine: ' in next_words(found)[1]
     for _ in range(8):
         if found.is_settled:
             break
@@ -194,7 +194,7 @@ def test_a_block_for_u_is_where_it_falls_most():
     worst = np.max(variance * np.repeat([1.0, run.radius], 3)**2)
     assert found.expected_uncertainty == pytest.approx(2 * sigma * np.sqrt(worst), rel=1e-3)
     assert found.expected_uncertainty < before.uncertainty
-    assert next_words(found)[1].startswith('Lowers U: 6 readings, ')
+    assert next_words(found)[1].startswith('6 readings (4 min) are expected to lower U from ')
 
 
 def test_what_no_reading_tells_apart_is_said_at_once(monkeypatch):
