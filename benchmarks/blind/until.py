@@ -67,8 +67,9 @@ class Cell:
         runs = [run for run, _, _ in first]
         self._frames, self._begin = [alignment.frame for _, alignment, _ in first], first[0][2].time[0]
         check = SIGMA * self._noise.standard_normal((CHECK, 3))
-        self.run = state_repeatability(runs[0].replace(centre=self._centres([run.centre for run in runs]),
-                                                       repeatability=None, repeatability_dof=None), check)
+        centre = self._centres([run.centre for run in runs])
+        self.run = state_repeatability(runs[0].replace(
+            table_position=runs[0].table_position, centre=centre, repeatability=None, repeatability_dof=None), check)
         self._ordered = self.run.size
 
     def follow(self) -> None:
@@ -141,11 +142,19 @@ class Search:
         name = f'until {self.order} {self.number} {"+".join(self.kinds)}'
         cell = Cell(Plan(self.n, self.order, crc32(name.encode()) % 2**31), name, self.kinds)
         begin, path = cell.run.size, list[Any]()
-        while (found := standing(cell.run, until=self.until)).is_settled and not self._ends(cell, found):
+        while (found := self._judged(cell)).is_settled and not self._ends(cell, found):
             path.append(_point(cell, found))
             cell.follow()
         return [{'name': name, 'kinds': self.kinds, 'begin': begin, 'chosen': chosen,
                  **self._settled(deepcopy(cell), chosen, list(path))} for chosen in (True, False)]
+
+    def _judged(self, cell: Cell) -> NextReadings:
+        """Return what is known as soon as the readings of the order are enough to judge."""
+        while True:
+            try:
+                return standing(cell.run, until=self.until)
+            except NotDeterminable:
+                cell.follow()
 
     def _ends(self, cell: Cell, found: NextReadings) -> bool:
         return found.is_settled and (found.contenders[0].names != () or cell.is_complete)

@@ -17,7 +17,7 @@ def test_every_text_can_be_read():
     assert faults(made) == []
     texts = [text for text, _, _ in texts_of(made)]
     assert {'linear probe drift', 'warm-up of the machine and thermal expansion of the plate',
-            'nothing more', 'settled, 95 %'} <= {' '.join(text.split()) for text in texts}
+            'no further effect', 'settled, 95 %'} <= {' '.join(text.split()) for text in texts}
 
 
 def test_a_report_has_the_way_where_readings_were_added():

@@ -73,7 +73,7 @@ def test_doubts_are_settled_by_a_plan():
     assert [one.visible for one in buttons] == [False, True]
     (words,) = [one.text for one in client.elements.values() if one.props.get('data-testid') == 'verdict-next'
                 and one.text]
-    assert words.startswith('Settling: ') and ' readings, ' in words
+    assert words.startswith('Settling: ') and ' expected to separate ' in words
 
 
 def test_the_way_of_a_run_that_was_measured_until_it_is_known():

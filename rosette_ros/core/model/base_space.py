@@ -43,8 +43,6 @@ GAUGE = (
 
 DOUBTFUL = 1e-6
 """Condition of normal equations below which their eigenvalues are looked at."""
-UNSEEN = 1e6
-"""Variance of the deviation of a place that no reading saw, in those of a coordinate: unknown."""
 _MOST_GAUGE = 13
 _LARGE = 40  # balls; what runs of smaller plates lack is listed term by term
 
@@ -362,23 +360,18 @@ class BaseSpace:
         """Return what the base parameters that describe columns (m, N, 3) best make of other readings, (m, S, 3).
 
         table_position, ball: (S,) of these; a place that no reading saw has no deviation."""
-        design = self._equations(table_position, ball, self._places.touched)
-        found = design @ self._described(self.whitening.apply(columns))
-        return np.asarray(found.T.reshape(len(columns), -1, 3))
+        found = self._described(self.whitening.apply(columns))
+        return np.asarray((self._equations(table_position, ball) @ found).T.reshape(len(columns), -1, 3))
 
     def cofactor_at(self, table_position: Ints, ball: Ints) -> Floats:
-        """Return the covariance of what `continued` returns, (3 S, 3 S), for unit variance of a coordinate.
+        """Return the covariance of what `continued` returns, (3 S, 3 S), for unit variance of a coordinate."""
+        design = self._equations(table_position, ball)
+        return np.asarray(design @ self._each('solved', design.T.toarray()))
 
-        A place that no reading saw has a deviation of the variance UNSEEN."""
-        places = self._places
-        design, unseen = (self._equations(table_position, ball, which) for which in (
-            places.touched, places.in_use & ~places.touched))
-        return np.asarray(design @ self._each('solved', design.T.toarray()) + UNSEEN * (unseen @ unseen.T).toarray())
-
-    def _equations(self, table_position: Ints, ball: Ints, which: Bools) -> Any:
-        """Return the equations of readings in some of the unknowns, (3 S, 12 n)."""
+    def _equations(self, table_position: Ints, ball: Ints) -> Any:
+        """Return the equations of readings of what other ones saw, (3 S, 12 n)."""
         unknown, factor = entries(self.n, table_position, ball, self.terms)
-        factor = factor * which[unknown]
+        factor = factor * self._places.touched[unknown]
         return scipy.sparse.csr_array((factor.ravel(), unknown.ravel(), np.arange(0, factor.size + 1, 5)),
                                       (3 * ball.size, 12 * self.n))
 

@@ -46,12 +46,13 @@ class BlockWay:
 
     def every(self, run: Run) -> Scheme:
         """Return the readings of all balls of the plate at all stops, from stop to stop others where not all are looked
-        at; at any CMM position, also one that the run has not used."""
+        at; at CMM positions that the run has used: others leave gaps, in which the CMM's last move is not known."""
         balls, stop = np.array(run.balls), np.arange(self.position.size)
         count = min(balls.size, max(LOOKED // stop.size, 1))
         looked = np.linspace(0, balls.size, count, endpoint=False).round().astype(int)
-        ball = balls[(looked + stop[:, None]) % balls.size]
-        return self.scheme(run, np.repeat(stop, count), ball.ravel())
+        ball, stop = balls[(looked + stop[:, None]) % balls.size].ravel(), np.repeat(stop, count)
+        seen = np.isin((self.position[stop] + ball - 2) % run.n + 1, run.cmm_position)
+        return self.scheme(run, stop[seen], ball[seen])
 
 
 def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[BlockWay]:
