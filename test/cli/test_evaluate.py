@@ -159,7 +159,7 @@ def test_missing_balls_show_in_the_uncertainty(rosette, make_table):
     assert got['u']['ctz_m'][1] > got['u']['ctz_m'][4]
     out = rosette('evaluate', path).out
     assert '34 of 36 ball centres' in out
-    assert out.count('±') == 2 * 6 + 36 + 36  # errors; curves; plate and CMM
+    assert out.count('±') == 2 * 6 + 36 + 36 + 4  # errors; curves; plate and CMM; clamping
     assert '…' not in out
     assert max(len(line) for line in out.splitlines() if 'rosette add' not in line) <= 100
 

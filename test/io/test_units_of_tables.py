@@ -66,7 +66,7 @@ def test_a_table_in_inches_under_names_of_mm_is_doubted_first(warming, capsys, t
         assert main(['evaluate', str(one), '--json']) == 0
         told = json.loads(capsys.readouterr().out)
         assert told['level'] == 'doubtful'
-        assert told['verdict'].startswith('A circle of ball centres of R = 7.18504 mm is none of a plate of balls; ')
+        assert told['verdict'].startswith('A circle of ball centres of R = 7.18504 mm is beyond any plate of balls; ')
         assert main(['evaluate', str(one)]) == 0
         assert 'NOT JUDGED, THE UNIT OF THE READINGS IS IN DOUBT' in capsys.readouterr().out
         assert main(['certificate', str(one), '-o', str(tmp_path / 'c.xml')]) == 2
