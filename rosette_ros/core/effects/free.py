@@ -199,7 +199,8 @@ class FreeEffect(Effect):
                     alone.setdefault(f'one {place}{TIMES}{one.name}', []).extend(
                         self._setting(f'{place} {k}{TIMES}{one.name}', kind, along)
                         for k in np.unique(number).tolist() for kind in one.of_place
-                        if _moves_several(run, f'{place} {k}{TIMES}{one.name}', kind) for along in OF_PLACE[place])
+                        if kind != EACH  # of one place that is the scatter of its readings
+                        and _moves_several(run, f'{place} {k}{TIMES}{one.name}', kind) for along in OF_PLACE[place])
         yield from ((name, tuple(dict.fromkeys(some))) for name, some in alone.items() if some)
 
     @staticmethod
