@@ -19,7 +19,7 @@ ANGLES = {angle: str(angle) for angle in range(0, 301, 60)}
 AXES = ('x', 'y', 'z')
 LOOKS = ((style.BEFORE, 3.4, style.DASHED), (style.AFTER, 2.4, '-'))
 """Colour, size of the dots and line of their mean, before and after the identified effects are added."""
-ROW = 2.15
+ROW = 2.04
 """Height of a row of residual maps, inch."""
 SECTIONS, LEAST_MEAN = 12, 6
 """Most means of neighbours along a line, and how many readings one is made of at least."""
