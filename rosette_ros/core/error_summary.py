@@ -27,8 +27,8 @@ DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where
                  'proven (uncertainty range)')
 SURE = 0.5 + 0.5 * math.erf(COVERAGE_FACTOR / math.sqrt(2))
 """Probability from which on it is decided: that of a normal range at the guard band U, 97.7 %."""
-ONE_SENSE = 'the reversal of the table, which runs in both senses tell (evaluate --joint)'
-"""What four-axis errors from curves of one sense lack."""
+WHOLE, NO_MEAN, ONE_SENSE = 'whole', 'no mean', 'one sense'
+"""What four-axis errors contain of the reversal of a table: all, all but its mean, nothing."""
 FEWEST_ANGLES = 4
 """A once-per-turn part is told from the rest of a curve with so many points at least."""
 

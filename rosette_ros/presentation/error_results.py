@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change
+from rosette_ros.core import error_summary as summary
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, SURE, AxisError, Conformity, SphereErrors
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.presentation import formatting as text
@@ -16,7 +17,9 @@ from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, column, words
 
 FourAxis = Sequence[tuple[str, Sequence[SphereErrors], str]]
-"""Of each table its words, the errors of its test spheres, and what the runs do not tell of them."""
+"""Of each table its words, the errors of its test spheres, and what they contain of its reversal."""
+LACKS = {summary.WHOLE: '', summary.NO_MEAN: 'the mean of its reversal, which these runs do not tell',
+         summary.ONE_SENSE: 'the reversal of the table, which runs in both senses tell (evaluate --joint)'}
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
 TITLE = 'Error motions of the {} (ISO 230-7): synchronous error motion values'
 SAID: dict[Conformity | None, str] = {Conformity.UNDECIDED: 'neither proven'}
@@ -139,7 +142,7 @@ def chi_square_text(value: float | None) -> str:
 def four_axis_table(every: FourAxis, which: str = '') -> list[Table]:
     """Return the four-axis errors of each table (ISO 10360-3); which: model."""
     return [_spheres(made, f'Four-axis errors of the {who}{which} (ISO 10360-3), calculated from its error motions',
-                     lacks, f'test_spheres{place or ""}') for place, (who, made, lacks) in enumerate(every)]
+                     LACKS[of], f'test_spheres{place or ""}') for place, (who, made, of) in enumerate(every)]
 
 
 def _spheres(made: Sequence[SphereErrors], title: str, lacks: str, name: str) -> Table:
@@ -164,11 +167,11 @@ def _spheres(made: Sequence[SphereErrors], title: str, lacks: str, name: str) ->
 
 def four_axis_json(every: FourAxis) -> dict[str, Any]:
     """Return four-axis errors, SI units, nothing where there are none."""
-    return {'iso_10360_3': [{'table': who, 'not_contained': lacks, 'coverage_factor': COVERAGE_FACTOR, 'spheres': [{
+    return {'iso_10360_3': [{'table': who, 'not_contained': LACKS[of], 'coverage_factor': COVERAGE_FACTOR, 'spheres': [{
         'sphere': one.sphere, 'radius_m': one.radius, 'height_m': one.height, **{
             f'{key}F{kind}_m': float(values[at]) for at, kind in enumerate('RTA')
             for key, values in (('', one.ranges), ('U_', COVERAGE_FACTOR * one.u))}} for one in made]}
-        for who, made, lacks in every]} if every else {}
+        for who, made, of in every]} if every else {}
 
 
 def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:

@@ -6,14 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rosette_ros.core.error_summary import (
-    ONE_SENSE,
-    AxisError,
-    SphereErrors,
-    error_lines,
-    extremes,
-    four_axis_errors,
-)
+from rosette_ros.core import error_summary as summary
+from rosette_ros.core.error_summary import AxisError, SphereErrors, error_lines, extremes, four_axis_errors
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import Floats, nominal_angles, same_angles
 from rosette_ros.core.joint.joint_evaluation import JointResult
@@ -39,16 +33,16 @@ def joint_lines(result: JointResult, tolerances: Mapping[str, float] | None = No
 
 def joint_spheres(result: JointResult, radius: float, height: float
                   ) -> list[tuple[str, tuple[SphereErrors, SphereErrors], str]]:
-    """Return the table, its four-axis errors and what these lack, in words; radius, height: as of four_axis_errors.
+    """Return the table, its four-axis errors and what they contain; radius, height: as of four_axis_errors.
 
     Both senses of a table are together where the runs tell how they differ, else each is by itself."""
     known = {one.table: all(one.is_known) for one in result.reversals}
     several = len({one.name for one, _ in result.curves}) > 1
     every = [(f'table {name}' if several else 'table', [motions for one, motions in result.curves if one.name == name],
-              '') for name, is_known in known.items() if is_known]
-    every += [(one.words, [motions], 'the mean of its reversal, which these runs do not tell' if one.name in known else
-               ONE_SENSE) for one, motions in result.curves if not known.get(one.name)]
-    return [(words, four_axis_errors(motions, radius, height), lacks) for words, motions, lacks in every]
+              summary.WHOLE) for name, is_known in known.items() if is_known]
+    every += [(one.words, [motions], summary.NO_MEAN if one.name in known else summary.ONE_SENSE)
+              for one, motions in result.curves if not known.get(one.name)]
+    return [(words, four_axis_errors(motions, radius, height), contained) for words, motions, contained in every]
 
 
 def _alone(result: JointResult, place: int) -> tuple[tuple[TableSet, ErrorMotions], ...]:
