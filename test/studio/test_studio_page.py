@@ -93,8 +93,8 @@ def test_orders_are_compared_with_the_u_that_each_would_give(shared_page):
     expect(result).not_to_contain_text('U ct')
     choose(page, 'orders-environment', 'laboratory')
     go.click()
-    expect(result).to_contain_text('U ct')
     expect(result.locator('th', has_text='µrad')).to_have_count(1)
+    expect(result.locator('th')).to_have_count(8)  # a column for each effect would break words
 
 
 def test_touches_are_shown_where_the_log_has_them(shared_page):

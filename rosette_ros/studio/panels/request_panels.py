@@ -157,10 +157,10 @@ def _environment_field(mark: str) -> ui.select:
 
 
 def _fill_orders(advice: Advice | None) -> None:
-    if advice is None:
-        return
-    ui.label(advice_words(advice))
-    plain_table(orders(advice))
+    if advice is not None:
+        ui.label(advice_words(advice))
+        table = orders(advice)
+        plain_table(table.select(*(one.key for one in table.columns if not one.key.startswith('visible_fraction'))))
 
 
 def _fill_budget(made: Budget | None) -> None:
