@@ -73,7 +73,7 @@ def test_what_a_person_sees(rosette):
     assert lines[1].startswith('The model does not fit')
     assert 'slip of' not in answer.out and 'ball_slip' not in answer.out
     assert 'rosette diagnose ' in lines[-1]
-    assert ' µm, the repeatability; uncertainties of the curves are from ' in ' '.join(answer.out.split())
+    assert ' µm, the repeatability; uncertainties of the curves follow ' in ' '.join(answer.out.split())
     bars = next(line for line in lines if line.startswith('ball '))
     assert bars.split()[1][3] == '█'
     rows = [line.split()[1:] for line in lines if line.strip()[:2].strip().isdigit()
