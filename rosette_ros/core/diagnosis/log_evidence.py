@@ -250,14 +250,16 @@ class State:
         self.rows = np.concatenate([np.zeros((0, evidence.y.size)), *rows])
         self._gram, self.product = self.rows @ self.rows.T, self.rows @ evidence.y
         sizes = np.array([one.size for one in members])
-        occam, before = np.zeros(len(members)), None
-        while before is None or np.any(sizes[:-1] != before[:-1]):  # until each has the likeliest one beside the others
+        occam = np.zeros(len(members))
+        for _ in members:  # until each has its likeliest size beside those of the others
             before = sizes.copy()
             for k in reversed(range(len(members))):  # the newest one first, as the others may have theirs already
                 whole = self._line(k, sizes)
                 line = allowed(whole, members[k].most)
                 best = int(np.argmax(line))
                 sizes[k], occam[k] = SIZES[best], float(log_mean(line)) - whole[best]
+            if np.array_equal(sizes[:-1], before[:-1]):
+                break
         self.members = tuple(replace(one, size=float(size)) for one, size in zip(members, sizes))
         self.root, log_det = self._root(range(len(members)), sizes)
         self.inverse = self.root @ self.root.T
