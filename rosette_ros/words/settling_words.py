@@ -49,12 +49,12 @@ def block_words(found: 'NextReadings') -> str:
 
 
 def hopeless_words(found: 'NextReadings') -> str:
-    """Return why no block helps, '' where one does: 'no reading of this cell separates A from B'."""
+    """Return why no block helps, '' where one does: 'no reading of this cell separates A from B, not even ...'."""
     if not found.is_hopeless:
         return ''
     if (pair := found.separates) is None:
         return f'no reading of this cell lowers U, {1e6 * found.uncertainty:.3g} µm, any further'
-    return f'no reading of this cell separates {pair_words(pair, "from")}'
+    return f'no reading of this cell separates {pair_words(pair, "from")}, not even as many again'
 
 
 def standing_words(found: 'NextReadings') -> str:

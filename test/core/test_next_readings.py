@@ -205,7 +205,7 @@ def test_what_no_reading_tells_apart_is_said_at_once(monkeypatch):
     found = next_readings(run)
     assert found.is_hopeless and found.targets is None
     assert hopeless_words(found) == ('no reading of this cell separates non-linear probe drift from warm-up '
-                                     'of the machine')
+                                     'of the machine, not even as many again')
 
 
 def test_what_is_in_doubt():

@@ -20,7 +20,8 @@ with T its time, moves, waits and touches included, and n_ij the number of such 
 the most doubt in the least time come first, which makes the doubt, summed over time, least (Smith, Naval Research
 Logistics Quarterly 3 (1956) 59). So a block that settles wins over one that only starts, unless many of the latter are
 quicker; of those that settle the quickest wins; and what a block tells beyond that counts nothing, however long the
-wait. Information per time alone (Lindley, Ann. Math. Stat. 27 (1956) 986) does not know what is needed: it never waits,
+wait. Where at the rate of every block the doubt would last for more readings than the run has, none is taken.
+Information per time alone (Lindley, Ann. Math. Stat. 27 (1956) 986) does not know what is needed: it never waits,
 because the first reading always tells something at once.
 
 A pure function of its arguments: the same run gives the same block, in a replay too. These are facts;
@@ -60,8 +61,6 @@ MOST = 10
 """Explanations that a block is chosen by."""
 NOTICED = 1e-9
 """Share by which a variance has to be lower for another CMM position to be taken."""
-LEAST = 0.02
-"""Information of all readings of the best way, nats, below which no block of this cell helps."""
 LEADING = 5
 """Explanations whose way is shown."""
 FINALISTS = 2
@@ -102,7 +101,7 @@ class NextReadings:
     drives: turned as `approach` and after `wait` says; None where it is settled, or no block helps; gain: expected
     information on the explanations, nats; duration: s from the last reading to the end of the block, moves and touches
     included; separates: the two explanations that are in doubt, None where one is settled; expected_uncertainty: U
-    after the block, m; is_hopeless: whether it is not settled and no block of readings of this cell would settle it.
+    after the block, m; is_hopeless: whether it is not settled and as many readings again would not settle it.
     """
 
     contenders: tuple[Contender, ...]
@@ -186,17 +185,17 @@ def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace, 
     predictor = Predictor(search, [members_of(search.posterior, one.names) for one in likely], p)
     need = _needed(found.contenders, [frozenset(one.names) for one in likely], until)
     guessed = sorted((_guessed(predictor, way, need, readings, pace) for way in ways(run)), key=lambda one: -one[0])
-    if max(every for _, _, every in guessed) < LEAST:
-        return replace(found, is_hopeless=True)
-    made = []
-    for wait in dict.fromkeys(block.wait[0] for _, block, _ in guessed):
-        some = [block for _, block, _ in guessed if block.wait[0] == wait]
+    doubt, made = float((p[:, None] * p)[~np.isnan(need)].sum()), []
+    for wait in dict.fromkeys(block.wait[0] for _, block in guessed):
+        some = [block for _, block in guessed if block.wait[0] == wait]
         for block in [block for block in some if not any(same(block, one) for one in refused)][:FINALISTS]:
             size, twice = block.ball.size, np.tile(np.arange(block.ball.size), 2)
             longer = continued(run, _taken(block, twice, block.wait[twice]), pace)
             predicted, duration = predictor.predicted(longer), float(longer.time[run.size + size - 1] - run.time[-1])
             square = predicted.distances(size)
-            made.append((_removed(p, square, predicted.distances(2 * size), need) / duration, duration, block, square))
+            removed = _removed(p, square, predicted.distances(2 * size), need)
+            if removed * run.size >= doubt * size:
+                made.append((removed / duration, duration, block, square))
     if not made:
         return replace(found, is_hopeless=True)
     _, duration, block, square = max(made, key=lambda one: one[0])
@@ -257,16 +256,14 @@ def _round(run: Run, spot: int, before: Scheme | None, readings: int) -> Scheme 
     return Scheme(run.n, NEXT, 0, position[:size], ball[:size], np.full(size, sense), table_offset=run.table_offset)
 
 
-def _guessed(predictor: Predictor, way: BlockWay, need: Floats, readings: int,
-             pace: Pace) -> tuple[float, Scheme, float]:
-    """Return about how much of the doubt the readings of a way that tell most remove per second, these readings, and
-    the information of all readings of the way, nats."""
+def _guessed(predictor: Predictor, way: BlockWay, need: Floats, readings: int, pace: Pace) -> tuple[float, Scheme]:
+    """Return about how much of the doubt the readings of a way that tell most remove per second, and these readings."""
     run, every = predictor.run, way.every(predictor.run)
     guess = predictor.predicted(continued(run, every, pace))
     some, square = guess.chosen(readings)
     block = _taken(every, np.sort(some), np.append(every.wait[0], np.zeros(len(some) - 1)))
     duration = float(continued(run, block, pace).time[-1] - run.time[-1])
-    return _removed(predictor.p, square, 2 * square, need) / duration, block, guess.information
+    return _removed(predictor.p, square, 2 * square, need) / duration, block
 
 
 def _taken(scheme: Scheme, some: Ints, wait: Floats) -> Scheme:

@@ -103,13 +103,6 @@ class Predictions:
             out[i, j] = out[j, i] = square + 4 * np.linalg.slogdet(middle)[1] - 2 * (log_det[i] + log_det[j])
         return out
 
-    @property
-    def information(self) -> float:
-        """About the information of all readings together on the explanations, nats, as of `chosen`."""
-        spread = np.tensordot(self.p, self.spread, axes=1)
-        z = np.linalg.solve(np.linalg.cholesky(spread + np.eye(len(spread))), self.mean.T)
-        return float(information(self.p, np.sum((z[:, :, None] - z[:, None, :])**2, axis=0)))
-
 
 def information(p: Floats, square: Floats) -> Floats:
     """Return the information of readings on explanations p (m,), nats, from squared distances (..., m, m)."""
