@@ -38,10 +38,9 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.formatting import fixed, names
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
-from rosette_ros.presentation.plots import plot_style, trend_plots
-from rosette_ros.presentation.report.trend_page import trend_html
+from rosette_ros.presentation.plots.plot_style import save_all
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
-from rosette_ros.presentation.trend_results import size_words, slope_words
+from rosette_ros.presentation.trend_results import ranges_over_time, size_words, slope_words, trend_html
 
 MOST_WORKERS = 4096
 
@@ -349,10 +348,10 @@ def run_trend(options: Namespace) -> None:
         refuse_output(options.output, options.force)
     history = read_history(RunArchive(options.archive), options.table, options.model)
     trend = trend_of(history)
-    pictures = {'ranges': trend_plots.ranges_over_time(
+    pictures = {'ranges': ranges_over_time(
         history.dates, history.range, history.U, history.tolerances, trend.events, trend.forecasts)
     } if options.figures or options.output else {}
-    paths = plot_style.save_all({f'trend_{name}': figure for name, figure in pictures.items()}, made_folder(
+    paths = save_all({f'trend_{name}': figure for name, figure in pictures.items()}, made_folder(
         options.figures, 'to write to', ''), 'png', options.force) if options.figures else []
     said = [f'Table {history.serial or "without serial number"}, {history.dates[0]:%Y-%m-%d} to '
             f'{history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}',

@@ -232,7 +232,7 @@ def run_compare(options: Namespace) -> None:
     comparison, verdict = compare(opened.run, opened.model), judge(opened.run, opened.model)
     steps = ladder(opened.run, opened.model) if options.ladder else ()
     if options.noise_picture:
-        plots('plot_style').save(plots('noise_plots').noise(diagnose(opened.run, opened.model).final),
+        plots('plot_style').save(plots('residual_plots').noise(diagnose(opened.run, opened.model).final),
                                  options.noise_picture, options.force)
     if options.json:
         print_json(comparison_json(comparison, verdict, steps))

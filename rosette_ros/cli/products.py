@@ -232,7 +232,7 @@ def run_budget(options: Namespace) -> None:
                   explanations_of(opened.finding, fit) if opened.finding and inputs.environment else ())
     found = _repeated(made, options.monte_carlo, options.seed or 0) if options.monte_carlo else None
     if options.output:
-        plots('plot_style').save(plots('budget_plots').budget_bars(made, found), options.output, options.force)
+        plots('plot_style').save(plots('comparison_plots').budget_bars(made, found), options.output, options.force)
     if options.json:
         print_json(budget_json(made, found))
         return

@@ -18,8 +18,7 @@ import numpy as np
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
 from rosette_ros.core.records import Bools, resolution_of
-from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, proposed
-from rosette_ros.io.foreign_tables import foreign_lines
+from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, foreign_lines, proposed
 from rosette_ros.io.table_heading import (
     KEYS,
     LENGTHS,

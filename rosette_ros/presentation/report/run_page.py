@@ -28,15 +28,7 @@ from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, budget_tables
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer
-from rosette_ros.presentation.plots import (
-    comparison_plots,
-    noise_plots,
-    plan_plots,
-    residual_plots,
-    shape_plots,
-    touch_plots,
-)
-from rosette_ros.presentation.plots.budget_plots import budget_bars
+from rosette_ros.presentation.plots import comparison_plots, plan_plots, residual_plots, touch_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals
 from rosette_ros.presentation.plots.result_plots import Series, deviations, polar_motions, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
@@ -138,15 +130,15 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
     return pages | {
         'polar': polar_motions(now),
         **({'differences': six_curves(less)} if (less := _differences(now, overlays)) else {}),
-        **({'budget': budget_bars(made)} if made else {}),
+        **({'budget': comparison_plots.budget_bars(made)} if made else {}),
         'deviations': deviations(summary.fit.plate, summary.fit.cmm, run.radius),
         'residuals_against': residual_plots.against(rows, run.repeatability),
         'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for _, one in fits]),
-        'noise': noise_plots.noise(summary.final),
+        'noise': residual_plots.noise(summary.final),
         **({'ladder': comparison_plots.ladder(ladder, run.repeatability, run.repeatability_dof)}
            if (ladder := summary.ladder) else {}),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
-        **({'shapes': shape_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
+        **({'shapes': residual_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
         'pairs': plan_plots.pairs_in_order(run),
         **({} if run.is_complete else {'uncertainty': plan_plots.uncertainty_by_share(run.n, [_point(run)])}),
         'visibility': _visibility(summary),
