@@ -15,15 +15,12 @@ from rich.text import Text
 
 from rosette_ros import command
 from rosette_ros.archive import reanalysis
-from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for
-from rosette_ros.archive.cell_environment import environment_of_cell
-from rosette_ros.archive.log_finder import find_logs
+from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for, environment_of_cell
 from rosette_ros.archive.reanalysis import RunChange, TrendComparison
-from rosette_ros.archive.run_adding import Added, Engine, add_logs
+from rosette_ros.archive.run_adding import Added, Engine, add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive, local_folder
 from rosette_ros.archive.run_row import COLUMNS
-from rosette_ros.archive.table_history import History, read_history
-from rosette_ros.archive.table_trend import TableTrend, trend_of
+from rosette_ros.archive.table_history import History, TableTrend, read_history, trend_of
 from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, load, made_folder, whole
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.diagnosis.verdict import CERTAIN

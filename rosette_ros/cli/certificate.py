@@ -14,7 +14,7 @@ from rosette_ros.certificate.dcc_check import MOST_BYTES, Verified, verify_certi
 from rosette_ros.certificate.statements import Certificate, Inputs, state
 from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
 from rosette_ros.cli.console import console, doing, print_json, print_parts, print_verdict
-from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.cli.opened import add_joint, is_joint
 from rosette_ros.io.budget_file import read_stated
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.model_file import read_model

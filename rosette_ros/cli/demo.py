@@ -22,8 +22,7 @@ from rosette_ros.cli import hidden_demo
 from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, until, whole
 from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
-from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown, write_machine
-from rosette_ros.cli.hidden_demo import MODEL, section
+from rosette_ros.cli.hidden_demo import MACHINE, MODEL, compare, demo_cell, section, shown, write_machine
 from rosette_ros.cli.report import print_result, verification_of
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.correction_check import check_correction

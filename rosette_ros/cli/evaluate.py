@@ -38,8 +38,7 @@ from rosette_ros.cli.console import (
     warn,
 )
 from rosette_ros.cli.info import broken_off, counts_of
-from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
-from rosette_ros.cli.opened import Opened
+from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict

@@ -13,8 +13,7 @@ from rosette_ros import command
 from rosette_ros.analysis import explanations_of
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
-from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
-from rosette_ros.cli.opened import Opened
+from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.budget_monte_carlo import MonteCarlo, monte_carlo
 from rosette_ros.core.correction import Correction

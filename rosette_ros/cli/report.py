@@ -14,7 +14,7 @@ from rich.markup import escape
 from rosette_ros.analysis import STEPS, analyse, curves_over, summarise
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, doing, head, print_verdict
-from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
+from rosette_ros.cli.opened import add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
