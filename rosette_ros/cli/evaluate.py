@@ -3,7 +3,7 @@
 
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -364,11 +364,7 @@ def _commands(verdict: Verdict) -> Iterator[list[str]]:
     if verdict.missing:
         yield [one.name for one in verdict.missing]
     for one in verdict.unnamed:
-        yield [FREE.name, *_settings(one.setting)]
-
-
-def _settings(setting: Mapping[str, float | str]) -> list[str]:
-    return [word for name, value in setting.items() for word in ('--set', f'{name}={value}')]
+        yield [FREE.name, *(word for name, value in one.setting.items() for word in ('--set', f'{name}={value}'))]
 
 
 IMPLEMENTED = {

@@ -7,7 +7,7 @@ from functools import cached_property
 
 from rich.console import Console
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, explanations_of, find, in_environment
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find, in_environment, stated_budget
 from rosette_ros.cli.arguments import UsageError
 from rosette_ros.cli.console import doing, head, print_verdict, warn
 from rosette_ros.core.budget_inputs import BudgetInputs
@@ -19,7 +19,7 @@ from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import ErrorMotions
-from rosette_ros.core.uncertainty_budget import Budget, budget
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.budget_file import budget_inputs, environment_of, read_stated
 from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.model_file import read_model
@@ -79,8 +79,7 @@ class Opened:
         """Return the budget of a fit, None where nothing is stated."""
         if not self.inputs:
             return None
-        explanations = explanations_of(self.finding, fit) if self.finding and self.inputs.environment else ()
-        return budget(fit, self.inputs, doubt=refuted(self.verdict), explanations=explanations)
+        return stated_budget(fit, self.inputs, self.finding, refuted(self.verdict))
 
     @cached_property
     def motions(self) -> ErrorMotions:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from rosette_ros.analysis import Summary, explanations_of
+from rosette_ros.analysis import Summary, stated_budget
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.error_summary import difference, doubt_of, fit_lines, refuted
 from rosette_ros.core.errors import InvalidData
@@ -19,11 +19,10 @@ from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.reduced_sets import relative_uncertainty
 from rosette_ros.core.sphere_refit import SphereRefit
-from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.reading_checks import known_temperatures, temperature_words
-from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, budget_tables
 from rosette_ros.presentation.error_results import errors
@@ -84,13 +83,6 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
 
-def write_report(path: Path | str, summary: Summary, source: Source | None = None, command: str = '',
-                 overlays: Sequence[Series] = (), force: bool = False) -> None:
-    """Write `report_html` into a file; raises InvalidData where it exists already and `force` is not set."""
-    refuse_existing(path, force)
-    write_text(path, report_html(summary, source, command, overlays), force)
-
-
 def touches_of(source: Source | None) -> tuple[SphereRefit | None, list[str]]:
     """Return the spheres fitted to the touches of a run, and in sentences why there are none."""
     try:
@@ -106,8 +98,7 @@ def budget_of(summary: Summary, refit: SphereRefit | None = None,
     fit = summary.fit
     if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
         return None
-    explanations = explanations_of(summary.diagnosis, fit) if summary.environment else ()
-    return budget(fit, inputs, touch_scatter(refit), doubt=refuted(summary.verdict), explanations=explanations)
+    return stated_budget(fit, inputs, summary.diagnosis, refuted(summary.verdict), refit)
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
