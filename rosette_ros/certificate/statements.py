@@ -26,7 +26,7 @@ from rosette_ros.core.uncertainty_budget import Budget, probability_of_u
 from rosette_ros.io.budget_file import budget_inputs, environment_of
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity
-from rosette_ros.io.reading_checks import known_temperatures, radius_words
+from rosette_ros.io.reading_checks import known_temperatures, radius_words, temperature_words
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, environment_words
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
@@ -165,7 +165,8 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
     if inputs.budget or run.n <= MOST_BALLS:
         made = stated_budget(fit, given, found, refuted(verdict), refit)
     motions, lines = stated_lines(fit, made if inputs.budget else None, limits, doubt)
-    facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks))  # what to do is no result
+    facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks  # what to do is no result
+                                      if one != temperature_words(run.temperature)))
     unknown = [*text.not_known(facts, fit.gauge), *(verdict.limits if verdict else ()), *untouched]
     evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)),
