@@ -269,8 +269,8 @@ def _actions(verdict: Verdict) -> list[str]:
     """Return what to do, most urgent first."""
     out = [f'check the readings: {remark}' for remark in verdict.remarks if not remark.startswith(UNIT_DOUBT)]
     if verdict.outcome == Outcome.UNIT:
-        out.append('correct the unit, and evaluate again')
-    elif verdict.missing:
+        return [*out, 'correct the unit, and evaluate again']
+    if verdict.missing:
         it, cause = ('it', 'the cause') if len(verdict.missing) == 1 else ('them', 'the causes')
         out.append(f'eliminate {cause} and repeat the measurement, or include {it} in the evaluation model')
     elif verdict.unnamed:
