@@ -124,10 +124,11 @@ def run_correct(options: Namespace) -> None:
         lines.append(f'Not corrected, as the runs do not tell it: the mean of the reversal of {", ".join(unknown)}.')
     if step:
         bound = dict(zip(CURVES, correction.curvature() * np.deg2rad(step)**2 / 8))
-        missed = ((max([bound[one] for one in corrected if one.startswith(kind)], default=None), unit)
-                  for kind, unit in (('ct', 'm'), ('cr', 'rad')))
+        missed = [f'{exact(factor * max(sizes), 4)} {unit}' for kind, (factor, unit) in (
+            ('ct', SCALES['m']), ('cr', SCALES['rad'])) if (sizes := [
+                bound[one] for one in corrected if one.startswith(kind)])]
         lines.append(f'Straight lines between the angles of the table miss {", ".join(corrected)} by at most '
-                     f'{" and ".join(_in_unit(size, unit) for size, unit in missed if size is not None)}.')
+                     f'{" and ".join(missed)}.')
     if is_controller:
         sign = '+' if controller.sign > 0 else '−'
         lines.append(f'Axis: {controller.name} = {controller.zero:g}° {sign} table angle (--zero, --sign).')
@@ -162,11 +163,6 @@ def _correction(options: Namespace, corrected: tuple[str, ...]
     motions = opened.motions
     return (Correction(motions, motions, corrected, run.run_id, run.simulated), opened.identity['table.serial'],
             opened.verdict, [])
-
-
-def _in_unit(size: float, unit: str) -> str:
-    factor, name = SCALES[unit]
-    return f'{exact(size * factor, 4)} {name}'
 
 
 def verify_arguments(parser: ArgumentParser) -> None:

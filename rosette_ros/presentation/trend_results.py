@@ -135,19 +135,15 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
             ahead = np.array([0.0, 0.15 * (np.ptp(when) or 1.0)])
             panel.plot(when[-1] + ahead, factor * (one.level + one.slope * ahead), color=style.GREY, linewidth=1.0,
                        linestyle=':', label='forecast')
-        _mark(panel, when, [event for event in events if any(step.series.name.startswith(curve)
-                                                             for step in event.steps)])
+        for event in events:
+            if any(step.series.name.startswith(curve) for step in event.steps):
+                panel.axvspan(when[event.earliest - 1], when[event.latest], color=style.BEFORE, alpha=0.35, linewidth=0,
+                              label='change between these runs')
         panel.set(ylim=(0, 1.1 * top), ylabel=unit)
         panel.set_title(words)
         _time_axis(panel)
     style.legend_of(made, panels.flat)
     return made
-
-
-def _mark(panel: Axes, when: Floats, events: Sequence[Event]) -> None:
-    for event in events:
-        panel.axvspan(when[event.earliest - 1], when[event.latest], color=style.BEFORE, alpha=0.35, linewidth=0,
-                      label='change between these runs')
 
 
 def _time_axis(panel: Axes) -> None:
