@@ -16,8 +16,7 @@ import psutil
 
 from benchmarks.archive_logs import make_logs
 from rosette_ros.archive.engines import DaskEngine
-from rosette_ros.archive.log_finder import find_logs
-from rosette_ros.archive.run_adding import add_logs
+from rosette_ros.archive.run_adding import add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 
 LOGS, LOOP_LOGS, MORE = int(os.environ.get('ARCHIVE_LOGS', '40')), 20, 20

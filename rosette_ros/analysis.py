@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.axes import refuse_other_axes
+from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
@@ -32,7 +33,9 @@ from rosette_ros.core.planning.next_readings import NextReadings as NextReadings
 from rosette_ros.core.planning.next_readings import next_readings as next_readings
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import ErrorMotions, Floats, Run
+from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.core.stated_environment import Environment
+from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
 """Parts of a summary in the order in which they are calculated."""
@@ -62,6 +65,15 @@ def explanations_of(found: Finding, fitted: Fit) -> tuple[tuple[float, Fit], ...
     if found.missing:
         return fitted.explanations
     return search_of(found.fit.run, found.model).explained
+
+
+def stated_budget(fitted: Fit, inputs: BudgetInputs | None, found: Finding | None, doubt: str,
+                  refit: SphereRefit | None = None, hidden: Sequence[Visibility] | None = None) -> Budget:
+    """Return the budget of a fit, with the explanations found in the run where an environment is stated.
+
+    doubt: as of `refuted`; refit: the spheres of the touches, where there are any; hidden: as of `budget`."""
+    explanations = explanations_of(found, fitted) if found and inputs and inputs.environment else ()
+    return budget(fitted, inputs, touch_scatter(refit), hidden, doubt, explanations)
 
 
 def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMotions:

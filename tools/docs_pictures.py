@@ -25,7 +25,7 @@ from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.budget_results import agreement_words
-from rosette_ros.presentation.plots.budget_plots import budget_bars
+from rosette_ros.presentation.plots.comparison_plots import budget_bars
 from rosette_ros.presentation.plots.plan_plots import pictures_of_plans
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import open_source, pictures_of, report_html

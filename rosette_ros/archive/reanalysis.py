@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from rosette_ros import command
-from rosette_ros.archive.log_finder import FoundLog, find_logs
+from rosette_ros.archive.run_adding import FoundLog, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import History, read_history
 from rosette_ros.core.diagnosis.verdict import CERTAIN

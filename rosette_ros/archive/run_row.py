@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 
 from rosette_ros import __version__
-from rosette_ros.analysis import explanations_of, in_environment
+from rosette_ros.analysis import in_environment, stated_budget
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, stated_lines
@@ -18,7 +18,6 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.records import Floats
 from rosette_ros.core.stated_environment import Environment
-from rosette_ros.core.uncertainty_budget import budget
 from rosette_ros.io.identity_file import Identity, format_identity
 from rosette_ros.io.reading_checks import known_temperatures
 from rosette_ros.presentation.json_output import CURVE_KEYS, verdict_json
@@ -123,8 +122,7 @@ def evaluation_row(fit: Fit, finding: Finding | None = None, source: Source | No
     place of that of the source; environment: that is stated, which curves and U are taken in."""
     run, made = fit.run, None
     if environment and run.n <= MOST_BALLS:
-        made = budget(fit, BudgetInputs(environment=environment),
-                      explanations=explanations_of(finding, fit) if finding else ())
+        made = stated_budget(fit, BudgetInputs(environment=environment), finding, '')
     known = known_temperatures(run)
     identity = identity or (source.identity if source else Identity())
     verdict = in_environment(finding.verdict, finding.final, environment) if finding else None

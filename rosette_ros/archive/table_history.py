@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The runs of one table in an archive as a history: the quantities whose changes are looked for, and what changed."""
+"""The runs of one table in an archive as a history: the quantities that are watched, what has changed, the trend."""
 
 import datetime
 from collections import Counter
@@ -12,13 +12,16 @@ import numpy as np
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES, SERIALS
 from rosette_ros.core import trend
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, Conformity, conformity
 from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z, wrap
 from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Ints
 from rosette_ros.core.trend import LEAST_LINE, LEAST_RUNS, Event, Forecast, TimeSeries
 from rosette_ros.io.identity_file import parse_identity
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation import trend_results as results
 from rosette_ros.presentation.json_output import CURVE_KEYS
+from rosette_ros.presentation.table_format import Table
 
 DAY = 86400.0
 LEAST_SHARE = 1e-3
@@ -31,6 +34,8 @@ _TOGETHER = {'rotation': slice(0, 1), 'height': slice(1, 2), 'shift': slice(2, 4
 """How all balls (clamping) or CMM positions (frame) lie in the frame of a run: rotation and tilt in rad, the rest in m.
 The size, along the radius, is that in the scale of the CMM: rosettes do not tell one from the other."""
 _ANGLES = ('rotation', 'tilt')
+LATELY = LEAST_RUNS
+"""A change is warned of while it is among so many last runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,3 +270,77 @@ def _effects(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
 def _residual(rows: Sequence[Mapping[str, Any]]) -> TimeSeries:
     rms = np.array([[row['rms_m']] for row in rows])
     return TimeSeries('residual', 'residual, rms', rms, rms / np.sqrt(2.0 * np.array([[row['dof']] for row in rows])))
+
+
+@dataclass(frozen=True, eq=False)
+class TableTrend:
+    """The trend of a table. unkept: errors that are not within their tolerance for certain (ISO 14253-1);
+    recent: changes among the last runs; warnings: both in sentences."""
+
+    history: History
+    events: tuple[Event, ...]
+    forecasts: Mapping[str, Forecast]
+    unkept: tuple[str, ...]
+    recent: tuple[Event, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def level(self) -> str:
+        """How it is: good, doubtful or bad."""
+        return 'bad' if self.unkept else 'doubtful' if self.recent else 'good'
+
+    @property
+    def notes(self) -> list[str]:
+        """What its tables do not show, in sentences: what was left out, is steady, or cannot be told."""
+        history, notes = self.history, []
+        if history.left_out:
+            notes.append(f'Left out, as they are between the steps of the table: {", ".join(history.left_out)}.')
+        if history.other_balls:
+            notes.append('Left out of plate, CMM and forecasts, as they have another number of balls than the last '
+                         f'run: {", ".join(history.other_balls)}.')
+        if not self.events:
+            notes.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
+                         'time and temperature are no steps.')
+        if course := history.residual_course(self.events):
+            notes.append(results.residual_words(course))
+        notes += results.too_few_words(history.too_few(self.events))
+        if not history.tolerances:
+            notes.append('No tolerances are stated (identity file, tolerances): nothing to forecast.')
+        return notes
+
+    @property
+    def tables(self) -> list[Table]:
+        """What changed when, and when tolerances are reached, where there is any."""
+        history, events = self.history, self.events
+        made = [results.events_table(events, history.dates, history.runs, [
+            history.exchanged(event.run) for event in events])] if events else []
+        return made + ([results.forecast_table(self.forecasts, history.tolerances, history.dates[-1])]
+                       if self.forecasts else [])
+
+    @property
+    def sentence(self) -> str:
+        """It in a sentence."""
+        said = [*self.warnings] or [*['no tolerance is passed'] * bool(self.history.tolerances),
+                                    f'no step in the last {LATELY} runs']
+        return f'{counted(len(self.history.runs), "run")}: {"; ".join(said)}'
+
+
+def trend_of(history: History) -> TableTrend:
+    """Return the trend that a history shows."""
+    events = history.events()
+    recent = tuple(event for event in events if event.run >= len(history.runs) - LATELY)
+    unkept, said = [], []
+    for curve, limit in history.tolerances.items():
+        place = CURVES.index(curve)
+        value, expanded = float(history.range[-1, place]), float(history.U[-1, place])
+        if (found := conformity(value, expanded, limit)) is not Conformity.CONFORMS:
+            unkept.append(curve)
+            factor, unit = text.curve_scales()[place]
+            said.append(f'{curve} {factor * value:.3g} ± {factor * expanded:.2g} {unit}: {found} to its tolerance of '
+                        f'{factor * limit:.3g} {unit}')
+    for event in recent:
+        strongest = event.steps[0]
+        said.append(f'{text.names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
+                    f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by '
+                    f'{results.size_words(strongest)}')
+    return TableTrend(history, events, history.forecasts(events), tuple(unkept), recent, tuple(said))

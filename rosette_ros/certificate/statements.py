@@ -12,22 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, explanations_of, find, in_environment
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, find, in_environment, stated_budget
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.error_summary import AxisError, doubt_of, refuted, stated_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_lines
-from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.records import ErrorMotions, Floats, Run
-from rosette_ros.core.uncertainty_budget import Budget, budget, probability_of_u, touch_scatter
+from rosette_ros.core.uncertainty_budget import Budget, probability_of_u
 from rosette_ros.io.budget_file import budget_inputs, environment_of
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity
-from rosette_ros.io.reading_checks import known_temperatures, radius_words
+from rosette_ros.io.reading_checks import known_temperatures, radius_words, temperature_words
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, environment_words
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
@@ -158,17 +157,16 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
     days = _complete(identity, [measured], ask)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
     given, verdict = budget_inputs(inputs.budget) if inputs.budget else BudgetInputs(), None
-    explanations: tuple[tuple[float, Fit], ...] = ()
-    if run.n <= MOST_BALLS_JUDGED:
-        found = find(fit.run, fit.model)
+    found = find(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
+    if found:
         verdict = verdict_text(in_environment(found.verdict, found.final, given.environment))
-        explanations = explanations_of(found, fit) if given.environment else ()
     doubt, made = doubt_of(verdict), None
     refit, untouched = touches_of(source)
     if inputs.budget or run.n <= MOST_BALLS:
-        made = budget(fit, given, touch_scatter(refit), doubt=refuted(verdict), explanations=explanations)
+        made = stated_budget(fit, given, found, refuted(verdict), refit)
     motions, lines = stated_lines(fit, made if inputs.budget else None, limits, doubt)
-    facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks))  # what to do is no result
+    facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks  # what to do is no result
+                                      if one != temperature_words(run.temperature)))
     unknown = [*text.not_known(facts, fit.gauge), *(verdict.limits if verdict else ()), *untouched]
     evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)),

@@ -15,15 +15,12 @@ from rich.text import Text
 
 from rosette_ros import command
 from rosette_ros.archive import reanalysis
-from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for
-from rosette_ros.archive.cell_environment import environment_of_cell
-from rosette_ros.archive.log_finder import find_logs
+from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for, environment_of_cell
 from rosette_ros.archive.reanalysis import RunChange, TrendComparison
-from rosette_ros.archive.run_adding import Added, Engine, add_logs
+from rosette_ros.archive.run_adding import Added, Engine, add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive, local_folder
 from rosette_ros.archive.run_row import COLUMNS
-from rosette_ros.archive.table_history import History, read_history
-from rosette_ros.archive.table_trend import TableTrend, trend_of
+from rosette_ros.archive.table_history import History, TableTrend, read_history, trend_of
 from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, load, made_folder, whole
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.diagnosis.verdict import CERTAIN
@@ -38,10 +35,9 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.formatting import fixed, names
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
-from rosette_ros.presentation.plots import plot_style, trend_plots
-from rosette_ros.presentation.report.trend_page import trend_html
+from rosette_ros.presentation.plots.plot_style import save_all
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
-from rosette_ros.presentation.trend_results import size_words, slope_words
+from rosette_ros.presentation.trend_results import ranges_over_time, size_words, slope_words, trend_html
 
 MOST_WORKERS = 4096
 
@@ -349,10 +345,10 @@ def run_trend(options: Namespace) -> None:
         refuse_output(options.output, options.force)
     history = read_history(RunArchive(options.archive), options.table, options.model)
     trend = trend_of(history)
-    pictures = {'ranges': trend_plots.ranges_over_time(
+    pictures = {'ranges': ranges_over_time(
         history.dates, history.range, history.U, history.tolerances, trend.events, trend.forecasts)
     } if options.figures or options.output else {}
-    paths = plot_style.save_all({f'trend_{name}': figure for name, figure in pictures.items()}, made_folder(
+    paths = save_all({f'trend_{name}': figure for name, figure in pictures.items()}, made_folder(
         options.figures, 'to write to', ''), 'png', options.force) if options.figures else []
     said = [f'Table {history.serial or "without serial number"}, {history.dates[0]:%Y-%m-%d} to '
             f'{history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}',

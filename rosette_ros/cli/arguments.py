@@ -29,6 +29,7 @@ _ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces
 _SOURCE = 'source the set-up file of ROS 2 and of the workspace'
 _ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
 INSTALL = {'nicegui': 'pip install nicegui plotly',
+           **dict.fromkeys(('reportlab', 'pypdf'), 'pip install reportlab pypdf'),
            **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), _ARCHIVE)}
 """Package: how it is installed, where that is not its name alone."""
 Value = TypeVar('Value', int, float)
@@ -91,14 +92,9 @@ def keep_inputs(options: argparse.Namespace, *written: Path) -> None:
 def expand_home(options: argparse.Namespace) -> None:
     """Replace what was given as `~/` or file:/// by the path that it means, where no shell has (`--model=~/m.yaml`)."""
     for name, value in vars(options).items():
-        if isinstance(value, list):
-            setattr(options, name, [_expanded(one) for one in value])
-        else:
-            setattr(options, name, _expanded(value))
-
-
-def _expanded(value: Any) -> Any:
-    return path_of(value) if isinstance(value, str) else value
+        is_list = isinstance(value, list)
+        every = [path_of(one) if isinstance(one, str) else one for one in (value if is_list else [value])]
+        setattr(options, name, every if is_list else every[0])
 
 
 def namespace(text: str) -> str:

@@ -21,7 +21,7 @@ from rosette_ros import command
 from rosette_ros.calibration.settings import FIELDS, IDENTITY, LIMITS, OPTIONS, PLATE, RUN
 from rosette_ros.calibration.state_machine import CONTINUE, PAUSE
 from rosette_ros.cell.client import CalibrationOutcome, CellClient, HangDetector
-from rosette_ros.cell.cmm_check import CmmClient, CmmReport
+from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, MOST_PARAMETERS, Cell
 from rosette_ros.cli.arguments import (
     IN_LOG,
@@ -365,8 +365,10 @@ def run_check_cmm(options: argparse.Namespace) -> None:
                     'checks': [asdict(check) for check in report.checks], 'seconds_per_ball': report.seconds_per_ball,
                     'run_seconds': report.run_seconds, 'repeatability_m': report.repeatability})
     else:
-        show_cmm_report(report, f'{_place(settings)}; what was not given is '
-                     f'{"as the sequencer is configured" if client.has_sequencer else "by default"}.')
+        time = '' if report.seconds_per_ball is None or report.run_seconds is None else (
+            f' A ball takes {duration(report.seconds_per_ball)}, a calibration about {duration(report.run_seconds)}.')
+        print_checks('cmm_check', 'What the CMM answers', report.checks, f'{_place(settings)}; what was not given is '
+                     f'{"as the sequencer is configured" if client.has_sequencer else "by default"}.{time}')
     if report.failed:
         raise CellError(f'check-cmm: {len(report.failed)} of {len(report.checks)} checks are not passed: '
                         f'{", ".join(report.failed)} (docs/real-cmm.md)')
@@ -377,13 +379,6 @@ def _place(settings: Mapping[str, Any]) -> str:
     origin = ' '.join(f'{1e3 * value:g}' for value in settings['table.origin_m'])
     return (f'{settings["plate.balls"]} balls, R = {1e3 * settings["plate.radius_m"]:g} mm, centre of the plate at '
             f'{signs(origin)} mm')
-
-
-def show_cmm_report(report: CmmReport, plate: str) -> None:
-    """Print a report for a person; plate: which one was asked for, in words."""
-    time = '' if report.seconds_per_ball is None or report.run_seconds is None else (
-        f'A ball takes {duration(report.seconds_per_ball)}, a calibration about {duration(report.run_seconds)}.')
-    print_checks('cmm_check', 'What the CMM answers', report.checks, f'{plate} {time}'.strip())
 
 
 IMPLEMENTED = {

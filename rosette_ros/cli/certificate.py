@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette certificate: a digital calibration certificate of a run, pages for people, and the check of one."""
 
-import importlib
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from datetime import date
@@ -12,9 +11,9 @@ from rich.markup import escape
 from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.dcc_check import MOST_BYTES, Verified, verify_certificate
 from rosette_ros.certificate.statements import Certificate, Inputs, state
-from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
+from rosette_ros.cli.arguments import SHARED, UsageError, add_shared, load
 from rosette_ros.cli.console import console, doing, print_json, print_parts, print_verdict
-from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.cli.opened import add_joint, is_joint
 from rosette_ros.io.budget_file import read_stated
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.model_file import read_model
@@ -72,7 +71,7 @@ def make(options: Namespace) -> None:
     with doing('evaluating'):
         certificate = state(options.run_path, inputs, ask)
     data = to_xml(certificate)
-    made = pages(certificate, data, path.name) if options.pdf else b''
+    made = load('rosette_ros.certificate.pages', '--pdf').to_pdf(certificate, data, path.name) if options.pdf else b''
     write_bytes(path, data, options.force)
     if options.pdf:
         write_bytes(options.pdf, made, options.force)
@@ -82,16 +81,6 @@ def make(options: Namespace) -> None:
 def ask(missing: Sequence[str]) -> None:
     """Print the mandatory data that are not stated, in words."""
     console().print(f'[yellow]Missing mandatory data (ISO/IEC 17025, 7.8.2): {escape(", ".join(missing))}[/]')
-
-
-def pages(certificate: Certificate, data: bytes, name: str) -> bytes:
-    """Return the pages for people; raises UsageError where what makes them is not installed."""
-    try:
-        made: bytes = importlib.import_module('rosette_ros.certificate.pages').to_pdf(certificate, data, name)
-    except ModuleNotFoundError as error:
-        raise UsageError(f'--pdf: wanted the Python package {error.name}, got none; pip install reportlab '
-                         'pypdf') from error
-    return made
 
 
 def show(certificate: Certificate, path: Path, pdf: str | None) -> None:

@@ -22,8 +22,7 @@ from rosette_ros.cli import hidden_demo
 from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, until, whole
 from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
-from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown, write_machine
-from rosette_ros.cli.hidden_demo import MODEL, section
+from rosette_ros.cli.hidden_demo import MACHINE, MODEL, compare, demo_cell, section, shown, write_machine
 from rosette_ros.cli.report import print_result, verification_of
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.correction_check import check_correction
@@ -42,7 +41,7 @@ from rosette_ros.presentation.correction_results import check_table
 from rosette_ros.presentation.formatting import curve_scales, fixed, millimetres
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
-from rosette_ros.presentation.report import open_source, write_report
+from rosette_ros.presentation.report import open_source, report_html
 from rosette_ros.presentation.report.verification import MAKER_COLUMNS, ROLES, verification_html
 from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import curves, nested_models
@@ -92,10 +91,9 @@ def demo_arguments(parser: ArgumentParser) -> None:
 
 def run_demo(options: Namespace) -> None:
     """Run the demo."""
-    if options.open and options.hidden is None:
-        raise InvalidConfig('demo: --open goes with --hidden only; leave it out')
-    if options.until and options.hidden is None:
-        raise InvalidConfig('demo: --until goes with --hidden only; leave it out')
+    for name, given in (('--open', options.open), ('--until', options.until)):
+        if given and options.hidden is None:
+            raise InvalidConfig(f'demo: {name} goes with --hidden only; leave it out')
     if options.verification:
         for name, given in (('--hidden', options.hidden is not None), ('--dme', options.dme),
                             ('--circle', options.circle), ('--keep', options.keep)):
@@ -165,7 +163,7 @@ def show_demo(out: Console, config: MachineConfig, log_path: Path, seconds: floa
               f'{(run.time[-1] if machine_s is None else machine_s) / 3600:.1f} h\n')
     if summary is not None:
         where['Report'] = log_path / 'report.html'
-        write_report(where['Report'], summary, source, shlex.join(['rosette', 'report', shown(log_path)]))
+        write_text(where['Report'], report_html(summary, source, shlex.join(['rosette', 'report', shown(log_path)])))
     where |= {'Log': log_path, 'Machine': log_path / MACHINE}
     out.print(pairs([(name, escape(shown(path))) for name, path in where.items()]))
     out.print('\nNext, a machine with hidden effects, to be found from the readings:')

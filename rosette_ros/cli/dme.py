@@ -31,7 +31,7 @@ from rosette_ros.io.reading_checks import Check
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.formatting import duration, fixed
 from rosette_ros.presentation.plots import plot_style
-from rosette_ros.presentation.plots.path_plots import probe_path
+from rosette_ros.presentation.plots.touch_plots import probe_path
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.simulation import MachineConfig, load_machine
 

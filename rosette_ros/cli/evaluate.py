@@ -3,7 +3,7 @@
 
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +38,7 @@ from rosette_ros.cli.console import (
     warn,
 )
 from rosette_ros.cli.info import broken_off, counts_of
-from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
-from rosette_ros.cli.opened import Opened
+from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
@@ -232,7 +231,7 @@ def run_compare(options: Namespace) -> None:
     comparison, verdict = compare(opened.run, opened.model), judge(opened.run, opened.model)
     steps = ladder(opened.run, opened.model) if options.ladder else ()
     if options.noise_picture:
-        plots('plot_style').save(plots('noise_plots').noise(diagnose(opened.run, opened.model).final),
+        plots('plot_style').save(plots('residual_plots').noise(diagnose(opened.run, opened.model).final),
                                  options.noise_picture, options.force)
     if options.json:
         print_json(comparison_json(comparison, verdict, steps))
@@ -365,11 +364,7 @@ def _commands(verdict: Verdict) -> Iterator[list[str]]:
     if verdict.missing:
         yield [one.name for one in verdict.missing]
     for one in verdict.unnamed:
-        yield [FREE.name, *_settings(one.setting)]
-
-
-def _settings(setting: Mapping[str, float | str]) -> list[str]:
-    return [word for name, value in setting.items() for word in ('--set', f'{name}={value}')]
+        yield [FREE.name, *(word for name, value in one.setting.items() for word in ('--set', f'{name}={value}'))]
 
 
 IMPLEMENTED = {

@@ -1,38 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo whose machine hides effects, and its envelope: the readings alone show what is hidden.
+"""What the demonstrations share: a simulated cell in a free ROS domain, and results compared with its truth; the demo
+whose machine hides effects, and its envelope: the readings alone show what is hidden.
 
 What is hidden is sealed before anything is measured; the digest on the screen proves that nothing was changed until the
 envelope is opened and compared with the diagnosis.
 """
 
+import contextlib
 import math
+import random
+import shutil
+import socket
 import sys
+import tempfile
+import time
 from argparse import ArgumentParser, Namespace
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
-from rosette_ros.cli.arguments import add_shared
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import Cell
+from rosette_ros.cli.arguments import add_shared, made_folder
+from rosette_ros.cli.cell import calibrate, identity_parameter, refuse_second_cell, started
 from rosette_ros.cli.console import COLOURS, console, head, pairs, print_table, say
-from rosette_ros.cli.demo_cell import MACHINE, shown
-from rosette_ros.cli.demo_cell import compare as compare_truth
 from rosette_ros.cli.evaluate import invisible_effects, show_comparison, show_diagnosis
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.next_readings import BLOCK, standing
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Floats, Run, remove_gauge
 from rosette_ros.core.scheme import Scheme, plan
+from rosette_ros.dme.dme_server import DmeServer, serving
+from rosette_ros.dme.dme_settings import client_settings
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import EXTENDED
 from rosette_ros.io.model_file import read_model, write_model
@@ -51,6 +62,9 @@ SIZES = {'most': 3, 'smallest_sigma': 2.0}
 """One to three effects of 2 to 30 times the noise: some may still be too small to be named."""
 SURE_SIGMA = 12.0
 """Norm of what is not absorbed, in sigma, from which an effect should be named."""
+MACHINE, DME_SETTINGS = 'machine.yaml', 'dme.yaml'
+DOMAINS = range(1, 60)
+"""Of demonstrations: the ports of domains below 102 lie below those that Linux assigns on its own; tests: 60 to 99."""
 
 
 def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
@@ -149,7 +163,7 @@ def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before:
     """Print how far the six curves are from those built into the machine, before and after."""
     sizes = []
     for fit in (before, after):
-        found = compare_truth(fit, config, frame)
+        found = compare(fit, config, frame)
         off = np.sqrt(np.mean((fit.error_motions.values - found.truth)**2, axis=0))
         sizes.append(f'{sized(float(np.sqrt(np.mean(off[:3]**2))), "m", 3)} and '
                      f'{sized(float(np.sqrt(np.mean(off[3:]**2))))} rms '
@@ -250,5 +264,127 @@ def run_envelope(options: Namespace) -> None:
         raise InvalidData(f'{path}: wanted the log of `rosette demo --hidden`, got none with {ENVELOPE}')
     tell(console(), path, options.model, options.all)
 
+
+def free_domain() -> int:
+    """Return a domain that nothing seems to use on this computer; raise CellError where all are in use."""
+    for domain in random.sample(DOMAINS, len(DOMAINS)):
+        if is_free(domain):
+            return domain
+    raise CellError(f'ROS domain: wanted a free one in 1 .. {DOMAINS[-1]}, found none; end other ROS programs or '
+                    'choose one with --domain')
+
+
+def is_free(domain: int) -> bool:
+    """Whether nothing on this computer listens at the first ports of a domain."""
+    with contextlib.suppress(OSError):
+        for offset in (0, 10, 11):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(('', 7400 + 250 * domain + offset))  # DDS-RTPS 2.2, section 9.6.1.1
+        return True
+    return False
+
+
+def write_machine(config: MachineConfig, path: Path) -> None:
+    """Write a machine configuration as YAML."""
+    values = config.model_dump(mode='json', exclude={'hidden_draw'})
+    if config.hidden_draw is not None:
+        values['hidden'] = config.hidden_draw.model_dump(mode='json', exclude_none=True)
+    path.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
+
+
+def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path, identity: str | None = None,
+              dme: Path | None = None) -> Cell:
+    """Return the cell with the simulated machine of a configuration, written to the file `machine`.
+
+    dme: settings file of an I++ server behind which the machine is, None without one."""
+    place = config.placement
+    return Cell(domain, machine=machine, log_dir=logs, dme=dme, params={'recorder': {'simulated': True}, 'sequencer': {
+        'plate.balls': config.plate.balls, 'plate.radius_m': config.radius,
+        'table.origin_m': [1e-3 * float(x) for x in place.origin_mm],
+        'table.axis': [float(x) for x in place.axis], 'table.azimuth_deg': place.azimuth_deg,
+        **identity_parameter(identity)}})
+
+
+@dataclass(frozen=True)
+class DemoCell:
+    """A running cell with a simulated machine: its client, the machine's file, the folder of the logs.
+
+    server: that of I++ DME behind which the machine is, None without one."""
+
+    cell: Cell
+    client: CellClient
+    machine: Path
+    logs: Path
+    began: float
+    server: DmeServer | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Wall time since the beginning, s."""
+        return time.monotonic() - self.began
+
+    def calibrate(self, order: str, seed: int, options: str = '', **fields: Any) -> Path:
+        """Run a calibration with progress on stderr; return the folder of its log, with the files of the machine.
+
+        fields: others of the goal, as of CellClient.calibrate."""
+        outcome = calibrate(self.client, order=order, seed=seed, options=options, check=self.cell.check, **fields)
+        if outcome.log is None:
+            raise CellError('demo: wanted the log of the run, got none; see the output of the recorder')
+        for path in self.machine.parent.iterdir():
+            shutil.copy(path, outcome.log)
+        return outcome.log
+
+
+@contextlib.contextmanager
+def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None, output: str,
+              identity: str | None = None, has_server: bool = False) -> Iterator[DemoCell]:
+    """Start a cell with a simulated machine, end it afterwards; what: printed; domain: None for a free one.
+
+    identity: path of an identity file; has_server: the machine is behind an I++ DME server."""
+    began = time.monotonic()
+    is_given, domain = domain is not None, free_domain() if domain is None else domain
+    logs = made_folder(output)
+    out.print(f'{what}, machine drawn from seed {config.seed}; four ROS 2 nodes in domain {domain}')
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='rosette_demo_')))
+        machine, dme, server = folder / MACHINE, None, None
+        write_machine(config, machine)
+        if has_server:
+            port, server = stack.enter_context(serving(config))
+            dme = folder / DME_SETTINGS
+            dme.write_text(yaml.safe_dump(client_settings(config, port), sort_keys=False), 'utf-8')
+            out.print(f'  I++ DME server on 127.0.0.1:{port}, one command per touch and move')
+        prepared = make_cell(config, machine, domain, logs, identity, dme)
+        if is_given:
+            refuse_second_cell(out, prepared)
+        with started(out, prepared) as cell, CellClient(domain) as client:
+            made = DemoCell(cell, client, machine, logs, began, server)
+            out.print(f'  nodes are running after     {made.seconds:5.1f} s')
+            yield made
+
+
+class TruthComparison(NamedTuple):
+    """The truth, (n, 6), m and rad, freed of the gauge; errors of results, (n, 6), in standard uncertainties."""
+
+    truth: Floats
+    error: Floats
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the normalised errors; 1 is expected."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+
+def compare(fit: Fit, config: MachineConfig, frame: Frame | None) -> TruthComparison:
+    """Return the comparison of a fit with the machine's truth in the frame that was found."""
+    motions = fit.error_motions
+    truth = remove_gauge(Machine(config).table_truth(motions.angle, frame))
+    return TruthComparison(truth, (motions.values - truth) / motions.u)
+
+
+def shown(path: Path) -> str:
+    """Return a path as short as it can be typed from here."""
+    path, here = path.absolute(), Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 IMPLEMENTED = {'envelope': (envelope_arguments, run_envelope)}

@@ -1,25 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run as a verb opens it, and what follows from it."""
+"""A run as a verb opens it, several runs as one, and what follows from them."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from functools import cached_property
 
 from rich.console import Console
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, explanations_of, find, in_environment
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find, in_environment, stated_budget
+from rosette_ros.cli.arguments import UsageError
 from rosette_ros.cli.console import doing, head, print_verdict, warn
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import refuted
+from rosette_ros.core.joint.joint_evaluation import JointResult, evaluate_jointly
+from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import ErrorMotions
-from rosette_ros.core.uncertainty_budget import Budget, budget
-from rosette_ros.io.budget_file import budget_inputs, read_stated
+from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.io.budget_file import budget_inputs, environment_of, read_stated
 from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_run import open_identified
+from rosette_ros.io.open_run import has_plate, open_identified, open_readings
+from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.words.verdict_words import verdict_text
 
 
@@ -74,8 +79,7 @@ class Opened:
         """Return the budget of a fit, None where nothing is stated."""
         if not self.inputs:
             return None
-        explanations = explanations_of(self.finding, fit) if self.finding and self.inputs.environment else ()
-        return budget(fit, self.inputs, doubt=refuted(self.verdict), explanations=explanations)
+        return stated_budget(fit, self.inputs, self.finding, refuted(self.verdict))
 
     @cached_property
     def motions(self) -> ErrorMotions:
@@ -90,3 +94,36 @@ class Opened:
             print_verdict(out, verdict_text(self.verdict))
         else:
             warn(self.run)
+
+
+def add_joint(parser: ArgumentParser) -> None:
+    """Add --joint and --share."""
+    parser.add_argument('--joint', action='store_true', help='evaluate several runs as one; what they share is taken '
+                        'from the runs, tested, and told')
+    parser.add_argument('--share', metavar='FILE', help='what the runs share, where a person knows better (YAML, '
+                        'rosette-sharing/1); implies --joint')
+
+
+def is_joint(options: Namespace) -> bool:
+    """Return whether the runs are evaluated as one, as plates of any pitch always are; raises UsageError."""
+    is_wanted = options.joint or options.share or any(map(has_plate, options.run_path))
+    if not is_wanted and len(options.run_path) > 1:
+        raise UsageError(f'wanted one RUN, got {len(options.run_path)}; --joint evaluates several as one')
+    if is_wanted and (options.model or (options.run_id and len(options.run_path) > 1)):
+        raise UsageError('--joint: wanted no --model and, for several runs, no --run-id, got '
+                         f'{"--model" if options.model else "--run-id"}; the base model is fitted to whole logs')
+    if is_wanted and getattr(options, 'refit_spheres', False):
+        plates = [path for path in options.run_path if has_plate(path)]
+        raise UsageError(f'--refit-spheres: wanted the log of a run, which has its touches, got the table {plates[0]} '
+                         'with ball centres only; leave the option out' if plates and len(options.run_path) == 1 else
+                         '--refit-spheres: wanted one run, got several as one; leave --joint out')
+    return bool(is_wanted)
+
+
+def joint_result(options: Namespace, runs: Sequence[Readings] = ()) -> JointResult:
+    """Return the runs of the options evaluated as one, in the environment that is stated; runs: where they are read."""
+    stated = read_stated(options.inputs, options.environment)
+    columns = read_columns(vars(options).get('columns'))
+    return evaluate_jointly(runs or [open_readings(path, options.run_id, columns) for path in options.run_path],
+                            read_sharing(options.share, len(options.run_path)),
+                            environment_of(stated, options.inputs or 'budget inputs'))

@@ -28,7 +28,7 @@ from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, order_name, places_in_use, plan
+from rosette_ros.core.scheme import ORDERS, TURNINGS, order_name, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
 from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
@@ -187,9 +187,9 @@ def show_plan(made: Outlook, output: str | None = None) -> None:
     """Print a plan for a person: map, list, motion, what it determines and shows; output: the file that holds it."""
     out, scheme, expected, radius_mm = console(), made.scheme, made.expectation, 1e3 * made.radius
     way = scheme.travel(made.radius)
-    balls = np.unique(scheme.ball)
+    balls, start = np.unique(scheme.ball), f' from {np.rad2deg(scheme.table_offset):g}° on' * bool(scheme.table_offset)
     out.print(f'[bold]{scheme.ball.size} targets[/]: {balls.size} balls on a circle of R = {exact(radius_mm, 6)} mm, '
-              f'{scheme.n} table positions{_from(scheme)}, order {escape(scheme.order)}')
+              f'{scheme.n} table positions{start}, order {escape(scheme.order)}')
     in_use = [(name, places) for name, places in (('CMM positions', np.unique(scheme.cmm_position)),
                                                   ('Ball places', balls)) if places.size < scheme.n]
     print_parts(out, [
@@ -210,10 +210,6 @@ def show_plan(made: Outlook, output: str | None = None) -> None:
     if output:
         out.print(f'\nWritten to {escape(output)}. Measure with: {program()} calibrate --plan {escape(output)}',
                   soft_wrap=True)
-
-
-def _from(scheme: Scheme) -> str:
-    return f' from {np.rad2deg(scheme.table_offset):g}° on' if scheme.table_offset else ''
 
 
 def show_comparison(plans: Sequence[Outlook]) -> None:

@@ -10,11 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros import command
-from rosette_ros.analysis import explanations_of
+from rosette_ros.analysis import stated_budget
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
-from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
-from rosette_ros.cli.opened import Opened
+from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.budget_monte_carlo import MonteCarlo, monte_carlo
 from rosette_ros.core.correction import Correction
@@ -23,7 +22,7 @@ from rosette_ros.core.diagnosis.verdict import Level, Verdict
 from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import CURVES
-from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.controller_tables import OF_A_TURN, Axis, linuxcnc
 from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
 from rosette_ros.io.open_run import joint_identity
@@ -125,10 +124,11 @@ def run_correct(options: Namespace) -> None:
         lines.append(f'Not corrected, as the runs do not tell it: the mean of the reversal of {", ".join(unknown)}.')
     if step:
         bound = dict(zip(CURVES, correction.curvature() * np.deg2rad(step)**2 / 8))
-        missed = ((max([bound[one] for one in corrected if one.startswith(kind)], default=None), unit)
-                  for kind, unit in (('ct', 'm'), ('cr', 'rad')))
+        missed = [f'{exact(factor * max(sizes), 4)} {unit}' for kind, (factor, unit) in (
+            ('ct', SCALES['m']), ('cr', SCALES['rad'])) if (sizes := [
+                bound[one] for one in corrected if one.startswith(kind)])]
         lines.append(f'Straight lines between the angles of the table miss {", ".join(corrected)} by at most '
-                     f'{" and ".join(_in_unit(size, unit) for size, unit in missed if size is not None)}.')
+                     f'{" and ".join(missed)}.')
     if is_controller:
         sign = '+' if controller.sign > 0 else '−'
         lines.append(f'Axis: {controller.name} = {controller.zero:g}° {sign} table angle (--zero, --sign).')
@@ -163,11 +163,6 @@ def _correction(options: Namespace, corrected: tuple[str, ...]
     motions = opened.motions
     return (Correction(motions, motions, corrected, run.run_id, run.simulated), opened.identity['table.serial'],
             opened.verdict, [])
-
-
-def _in_unit(size: float, unit: str) -> str:
-    factor, name = SCALES[unit]
-    return f'{exact(size * factor, 4)} {name}'
 
 
 def verify_arguments(parser: ArgumentParser) -> None:
@@ -228,11 +223,13 @@ def run_budget(options: Namespace) -> None:
     inputs = opened.inputs or BudgetInputs()
     fit, refit = opened.fit, refit_if_touched(opened.path, options.run_id)
     hidden = visibility(opened.run, fit.sigma, fit.model.base) if options.hidden_effects else None
-    made = budget(fit, inputs, touch_scatter(refit), hidden, refuted(opened.verdict),
-                  explanations_of(opened.finding, fit) if opened.finding and inputs.environment else ())
-    found = _repeated(made, options.monte_carlo, options.seed or 0) if options.monte_carlo else None
+    made = stated_budget(fit, inputs, opened.finding, refuted(opened.verdict), refit, hidden)
+    found = None
+    if options.monte_carlo:
+        with doing('Monte Carlo', options.monte_carlo) as step:
+            found = monte_carlo(made, options.monte_carlo, options.seed or 0, lambda done: step(done=done))
     if options.output:
-        plots('plot_style').save(plots('budget_plots').budget_bars(made, found), options.output, options.force)
+        plots('plot_style').save(plots('comparison_plots').budget_bars(made, found), options.output, options.force)
     if options.json:
         print_json(budget_json(made, found))
         return
@@ -255,12 +252,6 @@ def show_budget(out: Console, made: Budget, found: MonteCarlo | None = None) -> 
     out.print('\n[bold]Not considered[/]')
     for sentence in made.open:
         out.print(escape(f'- {sentence}'))
-
-
-def _repeated(made: Budget, trials: int, seed: int) -> MonteCarlo:
-    """Return the Monte Carlo of a budget."""
-    with doing('Monte Carlo', trials) as step:
-        return monte_carlo(made, trials, seed, lambda done: step(done=done))
 
 
 IMPLEMENTED = {

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rosette_ros.analysis import STEPS, analyse, curves_over, summarise
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, doing, head, print_verdict
-from rosette_ros.cli.joint_arguments import add_joint, is_joint, joint_result
+from rosette_ros.cli.opened import add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
@@ -69,9 +69,9 @@ def run(options: Namespace) -> None:
         raise InvalidData('report: --format goes with --figures only; leave it out')
     if bool(options.run_path) == bool(options.compare):
         raise InvalidData('report: wanted either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
-    for name in ('inputs', 'environment'):
-        if getattr(options, name) and options.compare:
-            raise InvalidData(f'report: --{name} does not go with --compare; leave it out')
+    for name in ('inputs', 'environment', 'run_id', 'overlay', 'joint', 'share', 'identity', 'refit_spheres'):
+        if options.compare and getattr(options, name):
+            raise InvalidData(f'report: --{name.replace("_", "-")} does not go with --compare; leave it out')
     if options.compare:
         compare_runs(options)
     elif is_joint(options):
@@ -132,11 +132,6 @@ def report_run(options: Namespace, place: str) -> None:
 def compare_runs(options: Namespace) -> None:
     """Write the report on runs that must agree."""
     path = output_of(options, 'verification')
-    for name, given in (('--run-id', options.run_id), ('--overlay', options.overlay), ('--joint', options.joint),
-                        ('--share', options.share), ('--identity', options.identity),
-                        ('--refit-spheres', options.refit_spheres)):
-        if given:
-            raise InvalidData(f'report: {name} does not go with --compare; leave it out')
     verified = verification_of(options.compare, options.maker, read_model(options.model))
     pictures = verification.verification_pictures(verified, bool(options.annex or options.figures))
     page = verification.verification_html(verified, options.command_line, pictures, options.annex)

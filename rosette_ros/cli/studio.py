@@ -11,8 +11,7 @@ from rosette_ros.cli.arguments import add_shared, whole
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.io.log_reader import runs_in
 from rosette_ros.io.open_run import is_log
-from rosette_ros.studio.page import StudioOptions
-from rosette_ros.studio.server import is_loopback, serve
+from rosette_ros.studio.page import StudioOptions, is_loopback, serve
 
 TOKEN_VARIABLE = 'ROSETTE_STUDIO_TOKEN'
 SHORTEST_TOKEN = 12

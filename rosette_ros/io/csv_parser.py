@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData, plain
+from rosette_ros.core.errors import InvalidData, counted, plain
 from rosette_ros.core.geometry import Floats, Ints
 from rosette_ros.core.records import Bools, resolution_of
-from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, proposed
-from rosette_ros.io.foreign_tables import foreign_lines
+from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, foreign_lines, proposed
 from rosette_ros.io.table_heading import (
     KEYS,
     LENGTHS,
@@ -148,7 +147,7 @@ class _Sheet:
         found, other = columns.readings(self.names, [(line, self.cells(line, text)) for line, text in self.rows],
                                         self.source)
         if other:
-            self.notes.append(f'{other} rows of other features were passed over')
+            self.notes.append(f'passed over: {counted(other, "row")} of other features')
         keys = list(dict.fromkeys(key for _, texts in found for key in texts))
         if 'angle' in keys and 'table' not in keys and 'table_position' not in keys:
             with contextlib.suppress(ValueError, ArithmeticError, KeyError):  # what is no number is refused below

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.budget_lines import Contribution, root_mean
+from rosette_ros.core.budget_lines import root_mean
 from rosette_ros.core.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES
@@ -90,9 +90,9 @@ def environment_words(environment: Environment | None) -> str:
     return f'{environment.name}: {", ".join(sizes)} in a run (standard deviations from run to run)'
 
 
-def _size(value: float, unit: str) -> str:
+def _size(value: float, unit: str, digits: int = 1) -> str:
     scale = text.scale_of(unit)
-    return f'{text.fixed(scale.factor * value, text.decimals(scale.factor * value, 1))} {scale.unit}'
+    return f'{text.fixed(scale.factor * value, text.decimals(scale.factor * value, digits))} {scale.unit}'
 
 
 def beyond_words(environment: Environment | None) -> str:
@@ -135,19 +135,13 @@ def stated_inputs(made: Budget) -> Table:
     return Table('budget_inputs', 'Inputs of the budget', (
         words('contribution', 'contribution', [one.name for one in lines]),
         column('value_si', '', [one.value for one in lines]), column('unit_si', '', [one.unit for one in lines]),
-        words('input', 'standard uncertainty', [_input(one) for one in lines]),
+        words('input', 'standard uncertainty', [_size(one.value, one.unit, 2) for one in lines]),
         words('kind', 'type', [one.kind for one in lines]),
         words('distribution', 'distribution', [one.distribution for one in lines]),
         column('dof', 'dof', [one.dof for one in lines], shown_dof),
         words('words', 'what it is', [one.words for one in lines]),
         words('source', 'from', [one.source for one in lines])),
         note='Type A: by statistics, B: by other knowledge (GUM 4.2, 4.3).')
-
-
-def _input(one: Contribution) -> str:
-    scale = text.scale_of(one.unit)
-    value = scale.factor * one.value
-    return f'{text.fixed(value, text.decimals(value))} {scale.unit}'
 
 
 def monte_carlo_table(made: Budget, found: MonteCarlo) -> Table:

@@ -44,12 +44,8 @@ def check_table(check: CorrectionCheck) -> Table:
 def _sized(key: str, name: str, get: str = '') -> Field:
     """Return the Field of a size in the unit of its curve, with as many decimals as U has."""
     size = attrgetter(get or key)
-    return Field(key, name, get, number=False, text=lambda one: _fixed(
-        text.scale_of(SI_UNITS[one.curve]).factor, size(one), one.expanded))
-
-
-def _fixed(factor: float, value: float, expanded: float) -> str:
-    return text.fixed(factor * value, text.decimals(factor * expanded))
+    return Field(key, name, get, number=False, text=lambda one: text.fixed(
+        (factor := text.scale_of(SI_UNITS[one.curve]).factor) * size(one), text.decimals(factor * one.expanded)))
 
 
 CHECKED_ERROR = (

@@ -32,9 +32,8 @@ from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json
 from rosette_ros.presentation.tables import CANDIDATE, CHECKED, HARMONIC
 from rosette_ros.words.advice_words import advice_words
-from rosette_ros.words.noise_words import noise_words
 from rosette_ros.words.result_words import check_words, comparison_words
-from rosette_ros.words.verdict_words import unexplained_words, verdict_text
+from rosette_ros.words.verdict_words import noise_words, unexplained_words, verdict_text
 
 EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/1', 'rosette-diagnosis/1'
 ADVICE, EFFECTS, CHANGE = 'rosette-advice/1', 'rosette-effects/1', 'rosette-change/1'

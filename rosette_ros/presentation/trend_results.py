@@ -1,20 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trends for people and programs: changes with their dates, when tolerances are reached, the next calibration."""
+"""Trends as tables, picture and page: changes with their dates, when tolerances are reached, the next calibration."""
 
 import datetime
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+from matplotlib.figure import Figure
+
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
-from rosette_ros.core.records import SI_UNITS
+from rosette_ros.core.records import CURVES, SI_UNITS, Floats
 from rosette_ros.core.trend import LEAST_LINE, Event, Forecast, Shift
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.identity_words import simulated_words
+from rosette_ros.presentation.plots import plot_style as style
+from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
+from rosette_ros.presentation.report.provenance import software
 from rosette_ros.presentation.table_format import Table, words
 
 Dates = Sequence[datetime.datetime]
 YEAR = 365.25  # days
 MOST_TOLD = 4
 """Quantities of a change that the table names."""
+MOST_ROOM = 5.0
+"""A tolerance is drawn where it is at most so many times as large as what was measured, else the title tells it."""
 
 
 def events_table(events: Sequence[Event], dates: Dates, runs: Sequence[str],
@@ -96,3 +107,61 @@ def _date(last: datetime.datetime, ahead: float, passed: str) -> str:
     if ahead <= 0:
         return passed
     return 'not in sight' if ahead > 36525 else f'{last + datetime.timedelta(days=ahead):%Y-%m-%d}'
+
+
+def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, float],
+                     events: Sequence[Event], forecasts: Mapping[str, Forecast]) -> Figure:
+    """Return a figure of the ranges of the six error motions, (m, 6) with U, over the dates."""
+    made, panels = style.figure(6.0, 3, 2)
+    when = date2num(list(dates))
+    for place, curve in enumerate(CURVES):
+        panel = panels[place % 3, place // 3]
+        factor, unit = text.curve_scales()[place]
+        y, spread = factor * values[:, place], factor * expanded[:, place]
+        panel.fill_between(when, y - spread, y + spread, color=style.AFTER, alpha=0.2, linewidth=0,
+                           label=f'± U (k = {COVERAGE_FACTOR})')
+        panel.plot(when, y, color=style.AFTER, linewidth=1.0, marker='o', markersize=2.5, label='error of a run')
+        top = float(np.max(y + spread))
+        words = f'{curve}, range'
+        if curve in tolerances:
+            limit = factor * tolerances[curve]
+            if limit > MOST_ROOM * top:
+                words += f'; tolerance {limit:.6g} {unit}, not drawn'
+            else:
+                panel.axhline(limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED, label='tolerance')
+                top = max(top, limit)
+        if curve in forecasts:
+            one = forecasts[curve]
+            ahead = np.array([0.0, 0.15 * (np.ptp(when) or 1.0)])
+            panel.plot(when[-1] + ahead, factor * (one.level + one.slope * ahead), color=style.GREY, linewidth=1.0,
+                       linestyle=':', label='forecast')
+        for event in events:
+            if any(step.series.name.startswith(curve) for step in event.steps):
+                panel.axvspan(when[event.earliest - 1], when[event.latest], color=style.BEFORE, alpha=0.35, linewidth=0,
+                              label='change between these runs')
+        panel.set(ylim=(0, 1.1 * top), ylabel=unit)
+        panel.set_title(words)
+        _time_axis(panel)
+    style.legend_of(made, panels.flat)
+    return made
+
+
+def _time_axis(panel: Axes) -> None:
+    style.scale(panel)
+    locator = AutoDateLocator(minticks=2, maxticks=6)
+    panel.xaxis.set_major_locator(locator)
+    panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    panel.xaxis.set_tick_params(pad=6)
+
+
+def trend_html(serial: str, model_hash: str, dates: Dates, sentences: Sequence[str], tables: Sequence[Table],
+               pictures: Mapping[str, Figure], command: str = '', simulated: Sequence[str] = ()) -> str:
+    """Return the trend of a table as one HTML text. sentences: what it says;
+    tables: changes, forecast; pictures: ranges; simulated: names of the runs that were."""
+    return PAGES.get_template('trend.html.j2').render(
+        serial=serial, model_hash=model_hash, dates=dates, sentences=sentences,
+        tables={table.name: table for table in tables}, pictures=inline_svgs(pictures), command=command,
+        simulated=simulated_words(simulated, len(dates)), software=software(), k=text.COVERAGE_FACTOR,
+        iso=text.iso_range(None),
+        numbers={name: place for place, name in enumerate(pictures, 1)},
+        running=f'Table {serial or "without serial number"}, {len(dates)} runs{" (SIMULATED)" * bool(simulated)}')

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rosette_ros.analysis import curves_over, evaluate_jointly, explanations_of
+from rosette_ros.analysis import curves_over, evaluate_jointly, stated_budget
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
 from rosette_ros.core.errors import RosetteError
@@ -16,7 +16,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import next_readings
 from rosette_ros.core.records import ErrorMotions, Run
-from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
@@ -55,9 +55,7 @@ def read_upload(path: Path) -> tuple[Run, Source]:
 def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str, found: Finding | None,
               ) -> Budget:
     """Return the Budget of a fit, with the scatter of touches where the log of the run has them; found: in the run."""
-    refit = touches_of(source)[0]
-    explanations = explanations_of(found, fit) if found and inputs and inputs.environment else ()
-    return budget(fit, inputs, touch_scatter(refit), doubt=doubt, explanations=explanations)
+    return stated_budget(fit, inputs, found, doubt, touches_of(source)[0])
 
 
 def shown_touches(source: Source | None) -> ShownTouches:

@@ -13,8 +13,7 @@ from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.number_words import micrometres, multiple, p_words
 from rosette_ros.words.effect_words import capital, names, title_of
-from rosette_ros.words.noise_words import noise_words
-from rosette_ros.words.verdict_words import unseen_words
+from rosette_ros.words.verdict_words import noise_words, unseen_words
 
 DOES_NOT_FIT = 'The model does not fit: the residual is more than noise.'
 """Of a model that lacks something, without what it lacks, which a diagnosis names."""

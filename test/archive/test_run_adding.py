@@ -24,8 +24,7 @@ from benchmarks.archive_logs import made_run, make_logs
 from rosette_ros.analysis import analyse, judge
 from rosette_ros.archive import run_adding
 from rosette_ros.archive.engines import DaskEngine
-from rosette_ros.archive.log_finder import find_logs
-from rosette_ros.archive.run_adding import add_logs
+from rosette_ros.archive.run_adding import add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import STATED
 from rosette_ros.core.errors import InvalidConfig, InvalidData

@@ -289,6 +289,7 @@ def test_temperatures_are_conditions_or_said_to_be_missing():
         cold = root_of(kind)
         assert not cold.xpath('//si:unit[text()="\\degreecelsius"]', namespaces=NAMES)
         assert 'The temperature was not measured.' in texts(cold, '//dcc:statement//dcc:content')
+        assert not any('0 °C' in one for one in texts(cold, '//dcc:content'))
 
 
 @pytest.mark.parametrize(('text', 'words'), [

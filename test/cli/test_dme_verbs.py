@@ -22,7 +22,7 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.dme.dme_server import ServeSettings, serving
 from rosette_ros.dme.dme_settings import client_settings
 from rosette_ros.dme.stop_mark import StopMark
-from rosette_ros.presentation.plots.path_plots import probe_path
+from rosette_ros.presentation.plots.touch_plots import probe_path
 from rosette_ros.simulation import MachineConfig
 
 pytestmark = pytest.mark.long

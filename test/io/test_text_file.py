@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from rosette_ros.archive.log_finder import find_logs
+from rosette_ros.archive.run_adding import find_logs
 from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.io.ball_centre_table import read_csv
 from rosette_ros.io.log_reader import read_log

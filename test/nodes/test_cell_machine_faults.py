@@ -8,7 +8,7 @@ import yaml
 from rosette_ros.analysis import analyse, diagnose
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import Cell
-from rosette_ros.cli.demo_cell import compare, write_machine
+from rosette_ros.cli.hidden_demo import compare, write_machine
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.simulation import MachineConfig
 

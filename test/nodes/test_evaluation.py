@@ -20,8 +20,7 @@ from rosette_ros.nodes import conversions
 from rosette_ros.nodes.evaluation import ModelInUse, extended
 from rosette_ros.nodes.evaluator import entry_of
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.words.noise_words import noise_words
-from rosette_ros.words.verdict_words import verdict_text
+from rosette_ros.words.verdict_words import noise_words, verdict_text
 
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
 

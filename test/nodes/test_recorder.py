@@ -28,7 +28,7 @@ from service_msgs.msg import ServiceEventInfo
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.io import bag_metadata, written_file
+from rosette_ros.io import bag_metadata, log_writer
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
@@ -307,8 +307,8 @@ def test_a_frame_of_an_earlier_run_is_none_of_a_resumed_one(recorder, tmp_path):
 def test_the_log_is_not_read_again_and_again(recorder, monkeypatch):
     """While something is missing that is asked for five times a second; metadata.yaml is not written meanwhile."""
     sums, described = [], []
-    read, describe = written_file._sum, bag_metadata.write_bag_metadata
-    monkeypatch.setattr(written_file, '_sum', lambda path: (sums.append(path), read(path))[1])
+    read, describe = log_writer._sum, bag_metadata.write_bag_metadata
+    monkeypatch.setattr(log_writer, '_sum', lambda path: (sums.append(path), read(path))[1])
     monkeypatch.setattr(bag_metadata, 'write_bag_metadata', lambda *about: (described.append(about), describe(*about)))
     assert start(recorder, 'run').success
     measure(recorder, 1)

@@ -19,7 +19,7 @@ from rosgraph_msgs.msg import Clock
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import Cell
-from rosette_ros.cli.demo_cell import compare, write_machine
+from rosette_ros.cli.hidden_demo import compare, write_machine
 from rosette_ros.cli.main import main
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.log_writer import LogWriter

@@ -9,7 +9,7 @@ from summaries import summary_of
 from rosette_ros.core.diagnosis.recovered_shape import Shape, ShapeCurve
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.presentation.plots.plot_style import figure
-from rosette_ros.presentation.plots.shape_plots import shapes
+from rosette_ros.presentation.plots.residual_plots import shapes
 from rosette_ros.presentation.report import pictures_of
 from rosette_ros.presentation.report.run_page import budget_of
 

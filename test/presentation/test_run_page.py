@@ -14,7 +14,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.plots.result_plots import Series
-from rosette_ros.presentation.report import Source, open_source, report_html, write_report
+from rosette_ros.presentation.report import Source, open_source, report_html
 from rosette_ros.presentation.report.run_page import COLUMNS
 from rosette_ros.presentation.report.verification import verification_html, verify
 from rosette_ros.presentation.tables import tables_of
@@ -183,15 +183,6 @@ def test_a_name_is_a_name_whatever_stands_in_it(name):
     assert name in read.texts['']
     assert name in read.texts['conditions']
     assert not {'script', 'img'} & {tag for tag, _ in read.elements}
-
-
-def test_a_report_is_not_overwritten(tmp_path):
-    """Unless it is asked for."""
-    path = tmp_path / 'report.html'
-    path.write_text('precious')
-    with pytest.raises(InvalidData, match=r'report\.html: exists already; take another name or use --force'):
-        write_report(path, summary_of('clean'))
-    assert path.read_text() == 'precious'
 
 
 def test_a_report_that_cannot_be_written(tmp_path):

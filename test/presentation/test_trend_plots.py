@@ -8,7 +8,7 @@ import pytest
 from figure_texts import faults, texts_of
 
 from rosette_ros.core.trend import Event, Forecast
-from rosette_ros.presentation.plots.trend_plots import ranges_over_time
+from rosette_ros.presentation.trend_results import ranges_over_time
 
 RUNS = 20
 TOLERANCES = {'ctx': 5e-6, 'ctz': 1234.5e-6, 'crz': 2e-6}

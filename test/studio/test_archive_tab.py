@@ -6,8 +6,7 @@ import pytest
 from plain_loop import PlainLoop
 from playwright.sync_api import expect
 
-from rosette_ros.archive.log_finder import find_logs
-from rosette_ros.archive.run_adding import add_logs
+from rosette_ros.archive.run_adding import add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import nominal_angles

@@ -14,7 +14,7 @@ import pytest
 from mcap.writer import Writer
 from playwright.sync_api import expect
 
-from rosette_ros.studio.server import MOST_BROWSERS, Controllers
+from rosette_ros.studio.page import MOST_BROWSERS, Controllers
 
 pytestmark = pytest.mark.long
 

@@ -14,7 +14,7 @@ from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.formatting import MEANINGS, words_of
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
-from rosette_ros.presentation.report import write_report
+from rosette_ros.presentation.report import report_html
 from rosette_ros.simulation import Machine, MachineConfig
 
 pytestmark = pytest.mark.long
@@ -155,7 +155,7 @@ def test_nothing_overlaps(opened, width):
 
 def test_the_report_is_no_wider_than_the_screen(page, drifting, tmp_path):
     """Down to a telephone; wide tables scroll by themselves."""
-    write_report(tmp_path / 'report.html', summarise(open_run(drifting)))
+    (tmp_path / 'report.html').write_text(report_html(summarise(open_run(drifting))), 'utf-8')
     page.goto((tmp_path / 'report.html').as_uri())
     for width in (1280, 739, 600, 390):
         page.set_viewport_size({'width': width, 'height': 800})

@@ -289,10 +289,10 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Seque
     wrong, run = wrong_readings(final), fit.run
     step = resolution_of(run.centre)
     is_rounded = any(remark.startswith(ROUNDED) for remark in run.remarks)
+    if any(remark.startswith(UNIT_DOUBT) for remark in run.remarks):  # nothing follows from such readings
+        return Verdict(Outcome.UNIT, before, after, remarks=run.remarks)
     lacks = _missing(fit, final, missing, {one.name: one for one in claims}, causes, moments)
-    if any(remark.startswith(UNIT_DOUBT) for remark in run.remarks):
-        outcome = Outcome.UNIT
-    elif lacks or unnamed:
+    if lacks or unnamed:
         surest = max([one.probability for one in lacks] + [one.probability for one in unnamed])
         outcome = (Outcome.SUSPECTED if surest < SURE else
                    Outcome.NAMED if any(one.probability >= SURE for one in lacks) else Outcome.UNNAMED)

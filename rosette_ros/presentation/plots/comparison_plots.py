@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bars to compare: residuals of nested models, of candidates, sensitivity to effects."""
+"""Bars to compare: residuals of nested models, of candidates, sensitivity to effects, parts of the uncertainty."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,11 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rosette_ros.analysis import LadderStep
+from rosette_ros.core.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.diagnosis.candidates import Candidate
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import Floats
-from rosette_ros.presentation.formatting import CROSS_VALIDATION, SENSITIVITY, percent
+from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.tables import nested_names
 
@@ -26,6 +28,15 @@ WORDS = 0.5
 """Length of the words beside a bar, in shares."""
 LONGEST_NAME = 28
 """Characters of a name beside its bar; the rest is cut."""
+LOOKS: dict[str, dict[str, Any]] = {'A': {'facecolor': style.COLOURS[0], 'edgecolor': style.COLOURS[0]},
+         'B': {'facecolor': style.COLOURS[5], 'edgecolor': style.INK, 'hatch': '/////', 'linewidth': 0.6},
+         'bound': {'facecolor': 'white', 'edgecolor': style.INK, 'linewidth': 0.8},
+         'combined': {'facecolor': style.INK, 'edgecolor': style.INK}}
+LABELS = {'A': 'type A: by statistics', 'B': 'type B: other knowledge', 'bound': 'bound of hidden effects',
+          'combined': 'combined u'}
+LABEL_LENGTH = 34
+LEAST = 0.005
+"""Share of the longest bar below which none is drawn."""
 
 
 def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof: float | None = None) -> Figure:
@@ -35,7 +46,7 @@ def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof:
     fitted = np.array([1e6 * step.fit.rms for step in steps])
     validated = np.array([1e6 * step.cross_validation for step in steps])
     for sizes, offset, colour, hatch, label in ((fitted, -BAR / 2, style.AFTER, '', 'residual of the fit'),
-                                                (validated, BAR / 2, style.COLOURS[4], '////', CROSS_VALIDATION)):
+                                                (validated, BAR / 2, style.COLOURS[4], '////', text.CROSS_VALIDATION)):
         panel.barh(rows + offset, sizes, BAR, color=colour, label=label, hatch=hatch, edgecolor='white', linewidth=0)
         for row, size in zip(rows, sizes, strict=True):
             panel.annotate(f'{size:.3f}', (size, row + offset), (4, 0), textcoords='offset points', va='center',
@@ -68,7 +79,7 @@ def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure
                        color=style.AFTER if chosen else style.GREY, label=label)
     if noise is not None:
         panel.axvline(1e6 * noise, color=style.INK, linewidth=1.4, linestyle=style.DASHED, label='repeatability')
-    _name_rows(panel, [one.effect for one in every], f'{CROSS_VALIDATION} in µm (rms)', None, len(every))
+    _name_rows(panel, [one.effect for one in every], f'{text.CROSS_VALIDATION} in µm (rms)', None, len(every))
     style.legend_of(made, [panel])
     return made
 
@@ -89,9 +100,9 @@ def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
                        markerfacecolor='white', markeredgewidth=1.3)
         panel.set_xlim(0, 1.02)
         marks = {share / 100: f'{share} %' for share in range(0, 101, 25)}
-        _name_rows(panel, [one.name for one in part], SENSITIVITY, marks, rows)
+        _name_rows(panel, [one.name for one in part], text.SENSITIVITY, marks, rows)
     looks = [(Patch(color=style.AFTER), labels[0]),
-             (Patch(**HIDDEN_LOOK), f'hidden (nowhere above {percent(HIDDEN_SHARE)})')]
+             (Patch(**HIDDEN_LOOK), f'hidden (nowhere above {text.percent(HIDDEN_SHARE)})')]
     if best:
         looks.append((panel.lines[0], labels[1]))
     style.legend(made, [look for look, _ in looks], [style.label_of(label) for _, label in looks])
@@ -105,10 +116,9 @@ def _bars_of_shares(panel: Axes, every: Sequence[Visibility], shares: Floats, ma
     panel.barh(rows[~hidden], shares[~hidden], 0.62, color=style.AFTER)
     panel.barh(rows[hidden], shares[hidden], 0.62, **HIDDEN_LOOK)
     for row in rows[hidden]:
-        text, colour = ('not judged', style.GREY) if every[row].reason else ('hidden', style.BEFORE)
+        label, colour = ('not judged', style.GREY) if every[row].reason else ('hidden', style.BEFORE)
         start = float(marks[row] if marks[row] < shares[row] + WORDS else shares[row])
-        panel.annotate(text, (start, row), (5, 0), textcoords='offset points', va='center',
-                       color=colour)
+        panel.annotate(label, (start, row), (5, 0), textcoords='offset points', va='center', color=colour)
 
 
 def _name_rows(panel: Axes, names: Sequence[str], label: str, marks: style.Marks | None, rows: int) -> None:
@@ -116,3 +126,38 @@ def _name_rows(panel: Axes, names: Sequence[str], label: str, marks: style.Marks
     panel.set_ylim(rows - 0.4, -0.6)
     style.scale(panel, marks, {row: style.label_of(name) for row, name in enumerate(cut)}, 'x', steps=(8, 8))
     panel.set_xlabel(label)
+
+
+def budget_bars(made: Budget, found: MonteCarlo | None = None) -> Figure:
+    """Return a figure: standard uncertainties by contribution, a panel for each curve; found: Monte Carlo as marks."""
+    lines = made.contributions
+    names = [*(style.label_of(one.name[:LABEL_LENGTH]) for one in lines), 'combined']
+    kinds = [*('bound' if one.is_bound else one.kind for one in lines), 'combined']
+    factors, units = text.curve_factors(), text.curve_units()
+    values = factors * np.vstack([*(one.mean for one in lines), made.mean])
+    rows, height = len(names), 2 * (0.155 * len(names) + 0.52)
+    figure, panels = style.figure(height, 2, 3)
+    curves = text.curve_names(made.fit.run.rotation)
+    for place, panel in enumerate(panels.flat):
+        top = float(values[:, place].max()) or 1.0
+        for row, kind in enumerate(kinds):
+            if values[row, place] >= LEAST * top:
+                panel.barh(row, values[row, place], height=0.72, **LOOKS[kind])
+                digits, gap = text.decimals(float(values[row, place])), 0.05 if found and kind == 'combined' else 0.02
+                panel.text(values[row, place] + gap * top, row, text.fixed(values[row, place], digits), va='center')
+        if found:
+            panel.plot([factors[place] * found.agreements[place].found], [rows - 1], marker='D', markersize=4.5,
+                       markerfacecolor='white', markeredgecolor=style.BEFORE, linestyle='none', zorder=6)
+        panel.set_xlim(0, 1.4 * top)
+        panel.set_ylim(rows - 0.4, -0.6)
+        style.scale(panel, None, {row: names[row] for row in range(rows)}, 'x', 'xy' if place % 3 == 0 else 'x', (3, 3))
+        panel.set_title(f'{curves[place]} / {units[place]}')
+        panel.axhline(rows - 1.5, color=style.GREY, linewidth=0.7)
+    shown = [kind for kind in LOOKS if kind in kinds]
+    handles: list[object] = [Patch(**LOOKS[kind]) for kind in shown]
+    labels = [LABELS[kind] for kind in shown]
+    if found:
+        handles += [panels.flat[0].lines[0]]
+        labels += [f'Monte Carlo{" without bounds" * ("bound" in kinds)}, {found.trials} trials']
+    style.legend(figure, handles, labels)
+    return figure

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Residuals: maps by table position and ball, over time and angle, their distribution."""
+"""Residuals: maps by table position and ball, over time and angle, their distribution, noise, recovered shapes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,13 +10,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
+from scipy.special import ndtri
 
+from rosette_ros.core.diagnosis.recovered_shape import Shape, strongest
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.noise import AXES, places
 from rosette_ros.core.records import Floats, Run
-from rosette_ros.presentation.formatting import fixed
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, fixed
 from rosette_ros.presentation.plots import plot_style as style
+from rosette_ros.presentation.tables import LEAST_NOISE
 
 ANGLES = {angle: str(angle) for angle in range(0, 301, 60)}
-AXES = ('x', 'y', 'z')
 LOOKS = ((style.BEFORE, 3.4, style.DASHED), (style.AFTER, 2.4, '-'))
 """Colour, size of the dots and line of their mean, before and after the identified effects are added."""
 ROW = 2.04
@@ -25,6 +29,12 @@ SECTIONS, LEAST_MEAN = 12, 6
 """Most means of neighbours along a line, and how many readings one is made of at least."""
 WIDE = 12
 """Histograms end so many sigma from zero; what lies beyond is counted in the last bar."""
+LAGS = 12
+SHOWN = ('ball', 'CMM position', 'time')
+"""Groups of readings whose scatter is drawn; at a table position little is left that could scatter otherwise."""
+MOST_CURVES, SHAPE_ROW = 3, 1.9
+UNITS = {'s': ('min', 1 / 60), 'rad': ('°', 180 / np.pi), 'K': ('K', 1.0)}
+"""Shown unit of a variable, and the factor to it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,4 +186,86 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
               ylabel='number of coordinates')
     style.scale(panel, grid='y', steps=(8, 4))
     panel.legend(loc='upper right')
+    return made
+
+
+def noise(fit: Fit) -> Figure:
+    """Return a figure of the residual of a fit in white coordinates, in units of its size: 1 where it is such noise."""
+    left = fit.white_residual * np.sqrt(3 * fit.run.size / fit.dof) / max(fit.rms, LEAST_NOISE)
+    made, panels = style.figure(4.2, 2, 3)
+    _quantiles(panels[0, 0], left)
+    _group_scatter(panels[0, 1], 'axis', AXES, [left[:, axis] for axis in range(3)])
+    for panel, (name, index, keys) in zip(panels.flat[2:], (one for one in places(fit.run) if one[0] in SHOWN),
+                                          strict=False):
+        _group_scatter(panel, name, [key.partition('-')[0] for key in keys],
+                 [left[index == group] for group in range(len(keys))])
+    _correlation(panels[1, 2], left)
+    style.legend_of(made, panels[0, :2])
+    return made
+
+
+def _quantiles(panel: Axes, left: Floats) -> None:
+    """Draw sorted residuals of each axis against those of normal noise, which lie on the line."""
+    wanted = ndtri((np.arange(len(left)) + 0.5) / len(left))
+    for axis, name in enumerate(AXES):
+        panel.plot(wanted, np.sort(left[:, axis]), linestyle='none', markersize=3, label=name, **style.look_of(axis))
+    panel.plot(wanted[[0, -1]], wanted[[0, -1]], color=style.INK, linewidth=1, label='normal noise')
+    style.scale(panel)
+    panel.set(xlabel='quantile of normal noise, in σ', ylabel='residual in order, in σ')
+
+
+def _group_scatter(panel: Axes, name: str, keys: Sequence[str], groups: Sequence[Floats]) -> None:
+    """Draw the rms of groups of residuals with the range in which noise lies (two standard deviations)."""
+    at = np.arange(len(groups))
+    size = [float(np.sqrt(np.mean(one**2))) if one.size else np.nan for one in groups]
+    spread = [np.sqrt(2 / max(one.size, 1)) for one in groups]
+    panel.errorbar(at, np.ones(len(at)), spread, color=style.GREY, linestyle='none', elinewidth=6, alpha=0.35,
+                   label='where noise lies (k = 2)')
+    panel.plot(at, size, linestyle='none', marker='o', markersize=5, color=style.AFTER)
+    step = -(-len(keys) // 8)
+    style.scale(panel, {int(place): keys[place] for place in at[::step]}, None)
+    panel.set(xlim=(-0.6, len(at) - 0.4), ylim=(0, max(2.0, 1.05 * float(np.nanmax(size)))),
+              xlabel='section of the time, from minute' if name == 'time' else name, ylabel='rms of residuals, in σ')
+
+
+def _correlation(panel: Axes, left: Floats) -> None:
+    """Draw the correlation of readings some places apart, with the range in which that of noise lies."""
+    lags = np.arange(1, min(LAGS, len(left) - 2) + 1)
+    for axis, name in enumerate(AXES):
+        one = left[:, axis]
+        size = max(float(one @ one), 1e-300)
+        values = [float(one[lag:] @ one[:-lag]) / size for lag in lags]
+        panel.plot(lags, values, linewidth=1, markersize=4, label=name, **style.look_of(axis))
+    bound = 2 / np.sqrt(len(left))
+    panel.axhspan(-bound, bound, color=style.GREY, alpha=0.2, linewidth=0)
+    style.scale(panel)
+    panel.set(xlabel='distance in readings', ylabel='correlation')
+
+
+def shapes(every: Sequence[Shape]) -> Figure:
+    """Return a figure: a row for each shape, the curves that stand out most, µm, with the band of U (k = 2)."""
+    made, panels = style.figure(SHAPE_ROW * len(every) + 0.25, len(every), MOST_CURVES)
+    for row, shape in zip(panels, every, strict=True):
+        unit, factor = UNITS.get(shape.unit, (shape.unit, 1.0))
+        shown = strongest(shape, MOST_CURVES)
+        for place, panel in enumerate(row):
+            if place >= len(shown):
+                panel.set_visible(False)
+                continue
+            curve = shown[place]
+            x, y, spread = factor * shape.values, 1e6 * curve.value, 1e6 * COVERAGE_FACTOR * curve.u
+            panel.fill_between(x, y - spread, y + spread, color=style.AFTER, alpha=0.2, linewidth=0,
+                               label=f'U (k = {COVERAGE_FACTOR})')
+            panel.plot(x, y, color=style.AFTER, linewidth=1.8, label='recovered', marker='o' if x.size < 40 else '',
+                       markersize=3)
+            if curve.claimed is not None:
+                panel.plot(x, 1e6 * curve.claimed, color=style.BEFORE, linewidth=1.6, linestyle=style.DASHED,
+                           label='claimed')
+            style.scale(panel)
+            panel.set(xlabel=f'{shape.variable} / {unit}', ylabel=f'{curve.axis} / µm')
+            if curve.carrier:
+                panel.annotate(style.label_of(f'× {curve.carrier}'), (1, 1.02), xycoords='axes fraction', ha='right',
+                               va='bottom', fontsize=style.TEXT, color=style.GREY)
+        row[0].set_title(style.label_of(shape.claim or f'no name: {shape.words}'), pad=16)
+    style.legend_of(made, panels.flat)
     return made

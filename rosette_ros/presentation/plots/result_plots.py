@@ -71,7 +71,9 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
         lines = [_draw(panel, one, curve, place, drawn[place]) for place, one in enumerate(series)]
         if truth is not None:
             lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)], curve), **TRUE_LOOK)
-        known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
+        for one, look in zip([one for one in extras if one.curve == curve], EXTRA_LOOKS, strict=False):
+            known[style.label_of(one.label)] = panel.plot(
+                *closed(series[0].motions.angle, one.value, curve), **{**TRUE_LOOK, **look})[0]
     if panel.collections:
         words = '' if are_all_drawn else '; much wider ones are not drawn'
         known[f'bands: U (k = {COVERAGE_FACTOR}){words}'] = Patch(color=style.GREY, alpha=0.25, linewidth=0)
@@ -108,11 +110,6 @@ def _are_drawn(series: Sequence[Series], curve: str) -> list[bool]:
     """Return whether each band is drawn: one that is WIDE times as wide as another one would cover the panel."""
     widths = [float(one.motions.uncertainty(curve).max()) if one.banded else np.inf for one in series]
     return [width <= WIDE * min(widths) and width < np.inf for width in widths]
-
-
-def _draw_extras(panel: Axes, angle: Floats, extras: Sequence[Extra]) -> dict[str, Any]:
-    return {style.label_of(one.label): panel.plot(*closed(angle, one.value, one.curve), **{**TRUE_LOOK, **look})[0]
-            for one, look in zip(extras, EXTRA_LOOKS, strict=False)}
 
 
 def closed(angle: Floats, value: Floats, curve: str) -> tuple[Floats, Floats]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from rosette_ros.analysis import Summary, explanations_of
+from rosette_ros.analysis import Summary, stated_budget
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.error_summary import difference, doubt_of, fit_lines, refuted
 from rosette_ros.core.errors import InvalidData
@@ -19,24 +19,15 @@ from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.reduced_sets import relative_uncertainty
 from rosette_ros.core.sphere_refit import SphereRefit
-from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.reading_checks import known_temperatures, temperature_words
-from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, budget_tables
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer
-from rosette_ros.presentation.plots import (
-    comparison_plots,
-    noise_plots,
-    plan_plots,
-    residual_plots,
-    shape_plots,
-    touch_plots,
-)
-from rosette_ros.presentation.plots.budget_plots import budget_bars
+from rosette_ros.presentation.plots import comparison_plots, plan_plots, residual_plots, touch_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals
 from rosette_ros.presentation.plots.result_plots import Series, deviations, polar_motions, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
@@ -92,13 +83,6 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
 
-def write_report(path: Path | str, summary: Summary, source: Source | None = None, command: str = '',
-                 overlays: Sequence[Series] = (), force: bool = False) -> None:
-    """Write `report_html` into a file; raises InvalidData where it exists already and `force` is not set."""
-    refuse_existing(path, force)
-    write_text(path, report_html(summary, source, command, overlays), force)
-
-
 def touches_of(source: Source | None) -> tuple[SphereRefit | None, list[str]]:
     """Return the spheres fitted to the touches of a run, and in sentences why there are none."""
     try:
@@ -114,8 +98,7 @@ def budget_of(summary: Summary, refit: SphereRefit | None = None,
     fit = summary.fit
     if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
         return None
-    explanations = explanations_of(summary.diagnosis, fit) if summary.environment else ()
-    return budget(fit, inputs, touch_scatter(refit), doubt=refuted(summary.verdict), explanations=explanations)
+    return stated_budget(fit, inputs, summary.diagnosis, refuted(summary.verdict), refit)
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
@@ -138,15 +121,15 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
     return pages | {
         'polar': polar_motions(now),
         **({'differences': six_curves(less)} if (less := _differences(now, overlays)) else {}),
-        **({'budget': budget_bars(made)} if made else {}),
+        **({'budget': comparison_plots.budget_bars(made)} if made else {}),
         'deviations': deviations(summary.fit.plate, summary.fit.cmm, run.radius),
         'residuals_against': residual_plots.against(rows, run.repeatability),
         'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for _, one in fits]),
-        'noise': noise_plots.noise(summary.final),
+        'noise': residual_plots.noise(summary.final),
         **({'ladder': comparison_plots.ladder(ladder, run.repeatability, run.repeatability_dof)}
            if (ladder := summary.ladder) else {}),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
-        **({'shapes': shape_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
+        **({'shapes': residual_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
         'pairs': plan_plots.pairs_in_order(run),
         **({} if run.is_complete else {'uncertainty': plan_plots.uncertainty_by_share(run.n, [_point(run)])}),
         'visibility': _visibility(summary),

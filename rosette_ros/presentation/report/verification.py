@@ -23,7 +23,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import same_angles
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Ints
-from rosette_ros.io.text_file import regular
+from rosette_ros.io.text_file import read_limited
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words
 from rosette_ros.presentation.plots.result_plots import Extra, Series, differences, six_curves
@@ -194,12 +194,10 @@ def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) 
 
 def read_maker(path: Path | str) -> MakerTable:
     """Return the MakerTable of a CSV file with the columns of MAKER_COLUMNS; raises InvalidData with file and row."""
+    data = read_limited(path, "a table of the maker's corrections", LARGEST_FILE)
     try:
-        if Path(path).stat().st_size > LARGEST_FILE:
-            raise InvalidData(f'{path}: wanted a table of at most {LARGEST_FILE} bytes, got more')
-        with open(path, encoding='utf-8-sig', newline='', opener=regular) as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(csv.reader(data.decode('utf-8-sig').splitlines()))
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InvalidData(f"{path}: wanted a readable table of the maker's corrections, got: {error}") from error
     if not rows or tuple(rows[0]) != MAKER_COLUMNS:
         raise InvalidData(f'{path}: row 1: wanted the columns {",".join(MAKER_COLUMNS)}, got '

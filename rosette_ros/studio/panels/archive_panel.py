@@ -20,7 +20,7 @@ from rosette_ros.studio.panels.widgets import Figure, button, card, input_field,
 from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
-    from rosette_ros.archive.table_trend import TableTrend
+    from rosette_ros.archive.table_history import TableTrend
     from rosette_ros.studio.archive_view import ArchiveRuns
 
 OpenRun = Callable[[str, str], Awaitable[None]]

@@ -18,7 +18,7 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.presentation.formatting import MEANINGS, duration, glued, micro, words_of
 from rosette_ros.presentation.identity_words import SIMULATED
-from rosette_ros.presentation.plots.shape_plots import shapes
+from rosette_ros.presentation.plots.residual_plots import shapes
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row

@@ -15,7 +15,7 @@ from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.presentation.budget_results import contributions, hidden_table, stated_inputs
 from rosette_ros.presentation.error_results import differences
 from rosette_ros.presentation.joint_results import joint_errors, joint_rows, reversal_means, sharing_table
-from rosette_ros.presentation.plots.budget_plots import budget_bars
+from rosette_ros.presentation.plots.comparison_plots import budget_bars
 from rosette_ros.presentation.plots.plot_style import COLOURS
 from rosette_ros.presentation.tables import orders
 from rosette_ros.studio.calculations import ShownTouches
