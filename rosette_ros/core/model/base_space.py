@@ -186,8 +186,8 @@ class Places:
         for (axes, _), part in zip(PARTS, self.parts):
             size = part.stop - part.start
             entry, product = pairs(size, self.unknown[self.order, axes] - part.start, self.factor[self.order, axes])
-            adds = scipy.sparse.csc_array((product.ravel(), entry.ravel(), np.arange(0, entry.size + 1, 15)),
-                                          shape=(size**2, entry.size // 15))
+            index, start = entry.ravel().astype(np.int32), np.arange(0, entry.size + 1, 15, dtype=np.int32)
+            adds = scipy.sparse.csc_array((product.ravel(), index, start), (size**2, entry.size // 15))
             out.append((adds, adds.T))
         return out
 
