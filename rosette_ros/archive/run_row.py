@@ -20,8 +20,9 @@ from rosette_ros.core.records import Floats
 from rosette_ros.core.stated_environment import Environment
 from rosette_ros.io.identity_file import Identity, format_identity
 from rosette_ros.io.reading_checks import known_temperatures
-from rosette_ros.presentation.json_output import CURVE_KEYS, verdict_json
+from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.presentation.report.provenance import Source, order_of
+from rosette_ros.presentation.table_format import verdict_json
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 AXES = 'xyz'

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run says: its error motions, which effect is missing, where a model fails; the runs of a folder."""
+"""What a run says: its error motions, which effect is missing, where a model fails."""
 
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -37,20 +36,16 @@ from rosette_ros.cli.console import (
     say,
     warn,
 )
-from rosette_ros.cli.info import broken_off, counts_of
 from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.error_summary import ONE_SENSE, doubt_of, fit_lines, four_axis_errors, stated_lines
-from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_spheres
-from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.io.log_reader import read_log, runs_in
-from rosette_ros.io.open_run import is_log, joint_identity, open_run
+from rosette_ros.io.open_run import joint_identity, open_run
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation import joint_results as results
@@ -59,8 +54,7 @@ from rosette_ros.presentation.budget_results import environment_json, environmen
 from rosette_ros.presentation.error_results import errors, four_axis_json, four_axis_table
 from rosette_ros.presentation.explanation_results import causes, explanations
 from rosette_ros.presentation.formatting import FOUND, NOW, micrometres, uncertainty_words
-from rosette_ros.presentation.json_output import comparison_json, diagnosis_json, evaluation_json, verdict_json
-from rosette_ros.presentation.table_format import Table, words
+from rosette_ros.presentation.json_output import comparison_json, diagnosis_json, evaluation_json
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 from rosette_ros.words.advice_words import advice_words
@@ -285,63 +279,6 @@ def _mark(size: float) -> tuple[str, str]:
     return ('· ', 'dim') if size < LOW else (f'{min(int(size), 9)} ', 'red' if size >= HIGH else 'yellow')
 
 
-def runs_arguments(parser: ArgumentParser) -> None:
-    """Declare what the verb takes."""
-    parser.add_argument('folder', metavar='FOLDER', nargs='?', default='rosette-runs',
-                        help='folder of logs and tables (default rosette-runs)')
-    add_shared(parser, '--json')
-
-
-def run_runs(options: Namespace) -> None:
-    """Print the runs."""
-    out = console()
-    paths = runs_in(options.folder)
-    with doing('', len(paths)) as step:
-        found = []
-        for path in paths:
-            step(path.name, 0)
-            found.append(run_facts(path))
-            step()
-    if options.json:
-        print_json({'schema': 'rosette-runs/1', 'folder': options.folder, 'runs': found})
-        return
-    out.print(f'[bold]{counted(len(found), "run")}[/] in {escape(options.folder)}')
-    print_parts(out, [Table('runs', 'Newest first', (
-        words('run', 'run', [Path(one['path']).name for one in found]),
-        words('balls', 'balls', [one['n'] or '' for one in found]),
-        words('verdict', 'verdict', [one['verdict'] or one['problem'] for one in found]),
-        words('judged', 'judged', [one['judged'] for one in found])),
-        levels=tuple(one['level'] or '' for one in found),
-        note='judged: by its cell at the end of the run, as its log holds it; or now, from the readings')])
-
-
-def run_facts(path: Path) -> dict[str, Any]:
-    """Return what is known of one run; problem: why it has no verdict, '' where it has one.
-
-    The verdict of its cell on the base model is taken from the log: to judge 20 runs anew takes half a minute."""
-    problem, verdict, n, size, judged = '', None, None, None, ''
-    try:
-        log = read_log(path) if is_log(path) else None
-        begun = [(name, run.targets[0].balls) for name, run in log.runs.items() if run.targets] if log else []
-        if log and len(begun) == 1 and (stopped := broken_off(log, begun[0][0])):
-            (name, n), = begun
-            size = counts_of(log, name).get('run', {}).get('answered', 0)
-            return {'path': str(path), 'n': n, 'readings': size, **verdict_json(None), 'judged': '',
-                    'problem': f'{n} balls, {stopped}'}
-        measured = log.to_run() if log else open_run(path)
-        n, size = measured.n, measured.size
-        if log and not log.problems and (verdict := log.verdicts.get((measured.run_id, str(Model())))):
-            judged = 'cell'
-        elif n <= MOST_BALLS_JUDGED:
-            verdict, judged = verdict_text(judge(measured)), 'now'
-        else:
-            problem = f'more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN'
-    except RosetteError as error:
-        problem = str(error)
-    return {'path': str(path), 'n': n, 'readings': size, **verdict_json(verdict), 'judged': judged,
-            'problem': problem}
-
-
 def print_card(out: Console, verdict: Verdict, run_path: Path | str, model: Path | str | None = None) -> None:
     """Print the card of a verdict on a run; model: the file of the model that was judged, None for the base model."""
     text = verdict_text(verdict)
@@ -369,4 +306,4 @@ def _commands(verdict: Verdict) -> Iterator[list[str]]:
 
 IMPLEMENTED = {
     'evaluate': (evaluate_arguments, run_evaluate), 'diagnose': (diagnose_arguments, run_diagnose),
-    'compare': (compare_arguments, run_compare), 'runs': (runs_arguments, run_runs)}
+    'compare': (compare_arguments, run_compare)}

@@ -61,7 +61,7 @@ GROUPS = {
         'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check')},
     'archive': {
         'info': ('info', 'what is in a run'),
-        'runs': ('evaluate', 'the runs in a folder, with their verdicts'),
+        'runs': ('runs', 'the runs in a folder, with their verdicts'),
         'archive': ('archive', 'many runs of many cells: add, ask, evaluate under another model'),
         'trend': ('archive', 'how a table changes over the runs of an archive; when to calibrate again'),
         'import': ('data', 'convert a table of ball centres, ours or another program\'s, to a log'),

@@ -17,7 +17,7 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.posterior import Cause
 from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CrossCheck
-from rosette_ros.core.diagnosis.verdict import Verdict, VerdictText, noise_facts
+from rosette_ros.core.diagnosis.verdict import Verdict, noise_facts
 from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines, stated_lines
 from rosette_ros.core.model.clamped_plate import clamped_plate
@@ -29,7 +29,7 @@ from rosette_ros.core.records import SI_UNITS, ErrorMotions
 from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
-from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json
+from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json, verdict_json
 from rosette_ros.presentation.tables import CANDIDATE, CHECKED, HARMONIC
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.result_words import check_words, comparison_words
@@ -71,14 +71,6 @@ def noise_json(fit: Fit) -> Json:
         'factors': noise.factors, 'tail': noise.tail, 'tail_dof': noise.tail_dof, 'memory': noise.phi,
         'wander': noise.wander, 'resolution_m': noise.resolution,
         'words': noise_words(noise_facts(fit))}
-
-
-def verdict_json(verdict: VerdictText | None) -> Json:
-    """Return the verdict of a run, the same keys in every object that has one; all null where none was asked for."""
-    if verdict is None:
-        return dict.fromkeys(('outcome', 'level', 'verdict', 'action'))
-    return {'outcome': verdict.outcome.value, 'level': verdict.level.value, 'verdict': verdict.sentence,
-            'action': verdict.action}
 
 
 def by_curve(values: Iterable[object]) -> Json:

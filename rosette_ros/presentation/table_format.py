@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rosette_ros.presentation.formatting import MICRO_DECIMALS, fixed, signed
 
 if TYPE_CHECKING:  # plan and info start without the least squares
+    from rosette_ros.core.diagnosis.verdict import VerdictText
     from rosette_ros.core.model.least_squares import Parameter
 
 
@@ -191,3 +192,11 @@ def _cell(value: Any) -> Any:
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ''
     return repr(value + 0.0) if isinstance(value, float) else value
+
+
+def verdict_json(verdict: 'VerdictText | None') -> dict[str, Any]:
+    """Return the verdict of a run, the same keys in every object that has one; all null where none was asked for."""
+    if verdict is None:
+        return dict.fromkeys(('outcome', 'level', 'verdict', 'action'))
+    return {'outcome': verdict.outcome.value, 'level': verdict.level.value, 'verdict': verdict.sentence,
+            'action': verdict.action}

@@ -2,6 +2,7 @@
 """The noise of a run: whitening makes it white, its estimates are right, and it is never told as a physical effect."""
 
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -97,12 +98,19 @@ KINDS = {
     'by CMM position': lambda seed: white(seed)[0] * np.where(np.arange(144) % 12 == 6, 3.0, 1.0)[:, None]}
 
 
+@cache
+def found_of(kind, seed=0):
+    """Return the Finding of a run with a kind of noise, or whose axes repeat unequally."""
+    offset = KINDS[kind](seed) if isinstance(kind, str) else white(seed)[0] * kind
+    return find(noisy(offset, seed, 'row' if kind == 'by CMM position' else 'random'))
+
+
 def test_noise_is_told_as_noise():
     """No effect is named and nothing without a name is missing; the kind of noise is the one that was drawn."""
     wrong = {}
-    for kind, make in KINDS.items():
+    for kind in KINDS:
         for seed in (0, 2):
-            found = find(noisy(make(seed), seed, 'row' if kind == 'by CMM position' else 'random'))
+            found = found_of(kind, seed)
             kinds = found.final.noise.kinds
             if found.missing or found.unnamed or kind.removesuffix(' of a walk') not in kinds:
                 wrong[kind, seed] = (found.missing, unexplained_words(found.verdict), kinds)
@@ -111,17 +119,16 @@ def test_noise_is_told_as_noise():
 
 def test_what_noise_is_like_stands_in_the_sentence():
     """The words for each kind; each axis is compared with the one that repeats best, the advice names the worse."""
-    for make, words in ((KINDS['tail reading'], 's are farther off than a normal distribution allows (Student, '),
-                        (KINDS['wander'], 'autocorrelation (lag 1) +0.'),
-                        (KINDS['wander of a walk'], 'the frame drifts at random')):
-        assert words in verdict_text(judge(noisy(make(0)))).sentence
-    assert 'CMM position 7 scatters ' in verdict_text(judge(noisy(KINDS['by CMM position'](0), 0, 'row'))).sentence
+    for kind, words in (('tail reading', 's are farther off than a normal distribution allows (Student, '),
+                        ('wander', 'autocorrelation (lag 1) +0.'), ('wander of a walk', 'the frame drifts at random'),
+                        ('by CMM position', 'CMM position 7 scatters ')):
+        assert words in verdict_text(found_of(kind).verdict).sentence
     for axes, words, look in (
             ((5, 1, 1), r'the scatter along x is [45]\.\d times that along [yz]\.', 'the slide of x'),
             ((1, 1, 4), r'the scatter along z is [34]\.\d times that along x and y\.', 'the slide of z'),
             ((6, 2, 1), r'the scatter along x is [567]\.\d times and along y is [12]\.\d times that along z\.',
              'the slide of x and y')):
-        verdict = judge(noisy(white(5)[0] * axes, 5))
+        verdict = found_of(axes, 5).verdict
         assert re.search(words, verdict_text(verdict).sentence)
         assert verdict_text(verdict).action.count('check the probe') == 1 and look in verdict_text(verdict).action
 
@@ -140,7 +147,7 @@ def test_rounding_is_told_as_rounding():
 def test_unequal_axes_have_uncertainties_of_their_own():
     """What is printed of the size of the noise is what the uncertainties of the curves rest on: n - 1 of n waves of ctz
     are free, n - 2 of ctx. In a complete run z and the plane scale apart, in closed form."""
-    found = analyse(noisy(white(5)[0] * (1, 1, 4), 5))
+    found = found_of((1, 1, 4), 5).fit
     along_x, along_z = (float(re.search(rf'([\d.]+) µm along {axis}', uncertainty_words(found))[1]) for axis in 'xz')
     u = 1e6 * found.error_motions.u.max(axis=0)
     assert (along_x, along_z) == pytest.approx((12 * u[0] / np.sqrt(10), 12 * u[2] / np.sqrt(11)), rel=0.01)
@@ -181,9 +188,9 @@ def test_what_the_noise_may_be_is_part_of_the_model():
     assert 'noise' not in whole.to_mapping() and less.to_mapping()['noise'] == list(less.noise)
     assert Model.from_mapping(less.to_mapping()) == less and less.with_effect('noise.axes') == whole
     assert less.hash != whole.hash and str(less).endswith(' + noise.tail + noise.groups + noise.wander')
-    run = noisy(white(3)[0] * (1, 1, 3), 3)
-    assert analyse(run).noise.kinds == ('axes',)
-    assert analyse(run, Model(noise=())).noise.is_white
+    found = found_of('axes')
+    assert found.fit.noise.kinds == ('axes',)
+    assert analyse(found.fit.run, Model(noise=())).noise.is_white
     with pytest.raises(InvalidModel, match=r"noise: wanted some of noise.axes, .*, got 'noise.magic'"):
         Model(noise=('noise.magic',))
     with pytest.raises(InvalidModel, match='noise.axes is in the model already'):

@@ -111,20 +111,28 @@ def test_a_figure_becomes_part_of_a_page():
 STYLE = 'font.family: serif\nfont.size: 22\naxes.facecolor: black\nsavefig.transparent: True\nlines.linewidth: 6\n'
 
 
+def drawn(folder, rc=''):
+    """Return the figures that the program draws in a folder, MATPLOTLIBRC being such."""
+    folder.mkdir(exist_ok=True)
+    done = subprocess.run(
+        [sys.executable, '-m', 'rosette_ros.cli.main', *'plan row --balls 4 --radius-mm 9 --figures . --format png'
+         .split()], capture_output=True, text=True, timeout=300, cwd=folder,
+        env={**os.environ, 'MATPLOTLIBRC': rc}, check=False)
+    assert (done.returncode, done.stderr) == (0, '')
+    return {path.name: path.read_bytes() for path in folder.glob('*.png')}
+
+
+@pytest.fixture(scope='module')
+def plain(tmp_path_factory):
+    """Return the figures where there is no matplotlibrc."""
+    return drawn(tmp_path_factory.mktemp('none'))
+
+
 @pytest.mark.parametrize(('settings', 'place'), [
-    (STYLE, 'named'), (STYLE, 'here'), ('text.usetex: True\nfont.family: Nonexistent\n', 'named'),
-    ('# no UTF-8: \xb5\n', 'named'), ('# no UTF-8: \xb5\n', 'here'), ('svg.fonttype: broken\n\xff\xfe', 'here')])
-def test_a_figure_is_the_same_whatever_the_matplotlibrc_says(tmp_path, settings, place):
+    (STYLE, 'here'), ('text.usetex: True\nfont.family: Nonexistent\n', 'named'),
+    ('# no UTF-8: \xb5\nsvg.fonttype: broken\n', 'named'), ('svg.fonttype: broken\n\xff\xfe', 'here')])
+def test_a_figure_is_the_same_whatever_the_matplotlibrc_says(tmp_path, plain, settings, place):
     """Fonts that are not there, TeX, another look: they are for the figures of their owner."""
     (tmp_path / 'matplotlibrc').write_text(settings, encoding='latin-1')
-
-    def drawn(folder, rc=''):
-        folder.mkdir(exist_ok=True)
-        done = subprocess.run(
-            [sys.executable, '-m', 'rosette_ros.cli.main', *'plan row --balls 4 --radius-mm 9 --figures . --format png'
-             .split()], capture_output=True, text=True, timeout=300, cwd=folder,
-            env={**os.environ, 'MATPLOTLIBRC': rc}, check=False)
-        assert (done.returncode, done.stderr) == (0, '')
-        return {path.name: path.read_bytes() for path in folder.glob('*.png')}
     found = drawn(tmp_path / 'elsewhere', str(tmp_path)) if place == 'named' else drawn(tmp_path)
-    assert found and found == drawn(tmp_path / 'none')
+    assert found and found == plain

@@ -4,9 +4,10 @@
 import numpy as np
 import pytest
 
-from rosette_ros.analysis import analyse, diagnose
+from rosette_ros.analysis import diagnose
 from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import BallNotFound, Machine, MachineConfig
@@ -29,7 +30,7 @@ def test_normalised_errors_are_those_of_noise(name):
         made = machine(AXES[name], seed, azimuth_deg=17.0 * seed)
         run, alignment, _ = made.calibrate(plan(N))
         assert run.rotation[:, 2] == pytest.approx(np.array(AXES[name]) / np.linalg.norm(AXES[name]), abs=1e-3)
-        motions = analyse(run).error_motions
+        motions = fit(run).error_motions
         errors.append((motions.values - remove_gauge(made.table_truth(frame=alignment.frame))) / motions.u)
     assert 0.8 < np.sqrt(np.mean(np.square(errors))) < 1.2
     assert all(0.7 < one < 1.3 for one in np.sqrt(np.mean(np.square(errors), axis=(0, 1))))
@@ -38,7 +39,7 @@ def test_normalised_errors_are_those_of_noise(name):
 def test_without_noise_the_curves_do_not_depend_on_the_axis():
     """The same table, plate and clamping stood another way up: the same curves within the second order."""
     quiet = {'probing': {'repeatability_um': 0.0}, 'cmm': {'residual_share': 0.0}, 'timing': {'jitter_s': 0.0}}
-    upright, *others = (analyse(machine(axis, **quiet).run(plan(N))).error_motions.values
+    upright, *others = (fit(machine(axis, **quiet).run(plan(N))).error_motions.values
                         for axis in ((0, 0, 1), *AXES.values()))
     for other in others:
         assert np.abs(other - upright)[:, :3].max() < 1e-11
@@ -67,7 +68,7 @@ def test_what_is_hidden_is_named(name, hidden):
 def test_equal_sag_of_all_balls_is_absorbed_by_the_cmm():
     """It depends on the CMM position alone: nothing is missing, and no curve is changed."""
     sag = [{'kind': 'ball_sag', 'sag_um': [0.3, 1.2, 0.4]}]
-    with_, without = (analyse(machine(AXES['x'], hidden=hidden).run(plan(N))) for hidden in (sag, []))
+    with_, without = (fit(machine(AXES['x'], hidden=hidden).run(plan(N))) for hidden in (sag, []))
     assert np.abs(with_.error_motions.values - without.error_motions.values)[:, :3].max() < 1e-9
     assert with_.rms == pytest.approx(without.rms, rel=0.01)
     assert np.abs(with_.cmm - without.cmm).max() > 1e-7

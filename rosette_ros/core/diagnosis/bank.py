@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from rosette_ros.core.effects.effect import Effect, Factors, Setting
 from rosette_ros.core.effects.free import FREE, motions
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.model.base_space import BaseSpace, Waves
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.model.noise import Real, Whitening
+from rosette_ros.core.model.waves import Waves
 from rosette_ros.core.records import Floats, Ints, Run
 
 Reals = NDArray[np.floating[Any]]

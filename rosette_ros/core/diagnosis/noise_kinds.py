@@ -63,28 +63,32 @@ class Beside:
 
     def __init__(self, run: Run, lever: float, terms: tuple[str, ...], observed: Floats, fixed: Floats,
                  members: Floats, sizes: Floats) -> None:
-        self.run, self._lever, self._terms, self.observed = run, lever, terms, observed
+        self.run, self._lever, self._terms = run, lever, terms
         length = np.sqrt(np.maximum(np.sum(fixed**2, axis=(1, 2)), 1e-300))
-        self.columns = np.concatenate([fixed / length[:, None, None], members])
         self.precision = np.concatenate([np.full(len(fixed), 1e-12), 1 / sizes**2])
-        self.white = self.under(Whitening(run.size, np.ones(3)))
-        self.dof = 3 * run.size - self.white.space.rank - len(fixed)
+        space = BaseSpace(run, lever, terms)
+        self.rows = space.free(np.concatenate([observed[None], fixed / length[:, None, None], members]))
+        self.white = Left(self, space)
+        self.dof = 3 * run.size - space.rank - len(fixed)
 
     def under(self, whitening: Whitening) -> 'Left':
         """Return what is left under a noise; raises NotDeterminable where too little counts."""
         return Left(self, BaseSpace(self.run, self._lever, self._terms, whitening))
 
 
+    def likelihoods(self, weight: Floats) -> Floats:
+        """Return the log likelihoods under weights of the coordinates (D, N, 3), (D,)."""
+        products, log_det = map(np.array, zip(*self.white.space.weighed(self.rows, weight)))
+        return _joined(self, products, log_det - np.sum(np.log(weight), axis=(1, 2)))[0]
+
+
 class Left:
     """What a noise leaves: by part (z; x and y) square sums, products with and of the columns, and ln det."""
 
     def __init__(self, beside: Beside, space: BaseSpace) -> None:
-        self.beside, self.space = beside, space
-        self._rows = space.residual(np.concatenate([beside.observed[None], beside.columns]))
-        self.parts = []
-        for axes, log_det in zip(((2,), (0, 1)), space.log_dets):
-            rows = self._rows[..., list(axes)].reshape(len(self._rows), -1)
-            self.parts.append((rows @ rows.T, log_det + space.whitening.log_det_of(axes)))
+        self.beside, self.space, self._white = beside, space, space.whitening.apply(beside.rows)
+        self.parts = [(products, log_det + space.whitening.log_det_of(axes)) for products, log_det, axes in zip(
+            space.products(self._white), space.log_dets, ((2,), (0, 1)))]
 
     @cached_property
     def joined(self) -> tuple[float, float, Floats]:
@@ -99,10 +103,15 @@ class Left:
         return self.beside.run.size - self.space.ranks[0]
 
     @cached_property
+    def _rows(self) -> Floats:
+        """What is left of the readings and of the columns, (k + 1, N, 3), in white coordinates."""
+        return np.asarray(self.space.free(self._white, 1))
+
+    @cached_property
     def _root(self) -> Floats:
         """The Cholesky factor of the products of the columns, prior included."""
-        rows = self._rows[1:].reshape(len(self._rows) - 1, -1)
-        return np.linalg.cholesky(rows @ rows.T + np.diag(self.beside.precision))
+        (z, _), (w, _) = self.parts
+        return np.asarray(np.linalg.cholesky((z + w)[1:, 1:] + np.diag(self.beside.precision)))
 
     def freed(self, columns: Floats) -> Floats:
         """Return columns (m, N, 3) freed of the model and the members, in white coordinates."""
@@ -299,18 +308,16 @@ class NoiseKinds:
 
     def _gap(self, names: Sequence[str], degrees: Sequence[float], state: '_Weights') -> float:
         """Return by how much the log evidence is above its bound, by weights drawn from what was found."""
-        rng, found = np.random.default_rng(0), []
-        for _ in range(SAMPLES):
-            total, odds = np.ones(3 * self.run.size), 0.0
-            for name, nu, weights, a in zip(names, degrees, state.weights, state.shapes):
-                b, drawn, (shape, rate, known) = a / weights, rng.gamma(a), self._prior(name, nu)
-                own = drawn * weights / a
-                odds += float(known + np.sum(shape * np.log(rate) - gammaln(shape) + (shape - a) * np.log(own)
-                                             - (rate - b) * own - a * np.log(b) + gammaln(a)))
-                total = total * own[self.groups[name]]
-            whitening = Whitening(self.run.size, 1 / np.sqrt(total.reshape(-1, 3)))
-            found.append(self.beside.under(whitening).joined[0] + odds)
-        return max(float(log_mean(np.array(found))) - state.bound, 0.0)
+        rng = np.random.default_rng(0)
+        total, odds = np.ones((SAMPLES, 3 * self.run.size)), np.zeros(SAMPLES)
+        drawn = list(zip(*[[rng.gamma(a) for a in state.shapes] for _ in range(SAMPLES)]))
+        for name, nu, weights, a, some in zip(names, degrees, state.weights, state.shapes, map(np.array, drawn)):
+            b, own, (shape, rate, known) = a / weights, some * weights / a, self._prior(name, nu)
+            odds += known + np.sum(shape * np.log(rate) - gammaln(shape) + (shape - a) * np.log(own)
+                                   - (rate - b) * own - a * np.log(b) + gammaln(a), axis=1)
+            total *= own[:, self.groups[name]]
+        found = self.beside.likelihoods(total.reshape(SAMPLES, -1, 3)) + odds
+        return max(float(log_mean(found)) - state.bound, 0.0)
 
     def _noise(self, names: Sequence[str], degrees: Sequence[float], state: '_Weights') -> Noise:
         noise = Noise()

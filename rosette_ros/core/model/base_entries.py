@@ -33,15 +33,20 @@ def entries(n: int, table_position: Ints, ball: Ints, terms: tuple[str, ...] = B
     return unknown, factor.transpose(2, 0, 1) * np.isin(BASE_TERMS, terms)[TERM][unknown // n]
 
 
+def pairs(size: int, unknown: Ints, factor: Floats) -> tuple[Ints, Floats]:
+    """Return what coordinates (..., 5 of `size` unknowns) add to the lower triangle of their normal equations.
+
+    Entries (..., 15), column by column, and the products of factors there."""
+    one, other = np.triu_indices(5)
+    return unknown[..., one] * size + unknown[..., other], factor[..., one] * factor[..., other]
+
+
 def normal_equations(n: int, part: tuple[slice, slice], unknown: Ints, factor: Floats) -> Floats:
     """Return the lower triangle of the normal equations of one of PARTS, (q, q), of entries (N, 3, 5)."""
     axes, blocks = part
     size = (blocks.stop - blocks.start) * n
-    unknown, factor, normal = unknown[:, axes] - blocks.start * n, factor[:, axes], np.zeros(size * size)
-    for one in range(5):
-        np.add.at(normal, (unknown[..., one, None] * size + unknown[..., one:]).ravel(),
-                  (factor[..., one, None] * factor[..., one:]).ravel())
-    return normal.reshape(size, size).T
+    entry, product = pairs(size, unknown[:, axes] - blocks.start * n, factor[:, axes])
+    return np.asarray(np.bincount(entry.ravel(), product.ravel(), size * size).reshape(size, size).T, dtype=float)
 
 
 def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:

@@ -15,7 +15,7 @@ readings see, the unknowns of readings y are x = (A'A + F F')^-1 A'y. F is known
 enough, whatever was measured, how often, and with which weights.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
 from typing import Any
@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, normal_equations, unseen
+from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, pairs, unseen
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Real, Whitening
+from rosette_ros.core.model.waves import Waves
 from rosette_ros.core.records import CURVES, Bools, Floats, Ints, Run
 
 GAUGE = (
@@ -54,44 +55,6 @@ class BaseParameters:
     curves: Floats
     plate: Floats
     cmm: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Waves:
-    """Functions of the readings, (v, m, N), or (v, m, r) at the readings `at`, (v, r), beside which they are zero."""
-
-    values: NDArray[np.floating[Any]]
-    at: Ints | None = None
-
-    @property
-    def rows(self) -> int:
-        """How many they are, v m."""
-        return int(self.values.shape[0] * self.values.shape[1])
-
-    def within(self, some: slice) -> 'Waves':
-        """Return some of them."""
-        return Waves(self.values[some], None if self.at is None else self.at[some])
-
-    def times(self, right: NDArray[Real]) -> NDArray[Real]:
-        """Return their products with something at each reading, (N, k), (v m, k), of its precision."""
-        values = self.values.astype(right.dtype, copy=False)
-        made = values.reshape(-1, len(right)) @ right if self.at is None else np.matmul(values, right[self.at])
-        return np.asarray(made.reshape(self.rows, right.shape[1]))
-
-    def sums(self, right: NDArray[np.float32], label: Ints, members: Ints) -> NDArray[np.float32]:
-        """Return the same by label, of which there are n: (n, v m, k).
-
-        right: (N + 1, k), 0 at the end; label: (N,) from 0; members: (n, r) readings of each, N where there are fewer.
-        """
-        if self.at is None:
-            rows = self.values.reshape(-1, len(label))
-            rows = np.concatenate([rows, np.zeros((len(rows), 1), rows.dtype)], axis=1)
-            return np.asarray(np.matmul(rows.T[members].transpose(0, 2, 1), right[members]))
-        (v, m, _), every = self.values.shape, np.arange(len(self.at))
-        out = np.zeros((len(members), v, m, right.shape[1]), np.float32)
-        for reading, value in zip(self.at.T, self.values.transpose(2, 0, 1)):
-            out[label[reading], every] += value[:, :, None] * right[reading][:, None]
-        return out.reshape(len(members), v * m, right.shape[1])
 
 
 class Factor:
@@ -173,11 +136,11 @@ class Places:
         self.touched = (self._term == 0) | (np.bincount(self.unknown.ravel(), minlength=12 * n) > 0)
         entry = self.factor.ravel(), self.unknown.ravel(), np.arange(0, 15 * size + 1, 5)
         self.design: Any = scipy.sparse.csr_array(entry, (3 * size, 12 * n))
-        self._order = np.lexsort((ball, table_position))
-        rows = (3 * self._order[:, None] + np.arange(3)).ravel()
+        self.order = np.lexsort((ball, table_position))
+        rows = (3 * self.order[:, None] + np.arange(3)).ravel()
         self.adjoint = self.design[rows].T.tocsr()  # in the order of places: sums do not tell when a reading was taken
         self.adjoint.indices = rows.astype(np.int32)[self.adjoint.indices]
-        self._gauges = [self._gauge(vectors, part) for vectors, part in zip(unseen(n), self.parts)]
+        self.gauges = [self._gauge(vectors, part) for vectors, part in zip(unseen(n), self.parts)]
 
     def _gauge(self, vectors: Floats, part: slice) -> tuple[Floats, Floats, Floats]:
         """Return what no readings see of a part, V (q, k); how much of it is in unknowns, S (k, q); and, orthonormal,
@@ -196,20 +159,46 @@ class Places:
 
     @cached_property
     def _plain(self) -> tuple[Factor, ...]:
-        return self._factored(Whitening(len(self._order), np.ones(3)))
+        return self._factored(Whitening(len(self.order), np.ones(3)))
 
     def _factored(self, white: Whitening) -> tuple[Factor, ...]:
         return tuple(Factor(normal, (self.touched & self.in_use)[part], gauge)
-                     for normal, part, gauge in zip(self._normal_equations(white), self.parts, self._gauges))
+                     for normal, part, gauge in zip(self._normal_equations(white), self.parts, self.gauges))
 
     def _normal_equations(self, white: Whitening) -> Iterator[Floats]:
         """Yield the normal equations of each of PARTS, at least their lower triangles."""
         if white.is_diagonal:
-            unknown, factor = self.unknown[self._order], (self.factor * white.factors[..., None])[self._order]
-            yield from (normal_equations(self.n, part, unknown, factor) for part in PARTS)
+            yield from self.weighed(white.factors**2)
         else:
             yield from (reduce(np.add, (white.along(axis).normal_equations(one) for axis, one in each))
                         for each in self._along)
+
+    def weighed(self, weight: Floats) -> Iterator[Floats]:
+        """Yield the same where the coordinates have weights (N, 3)."""
+        for (adds, _), (axes, _), part in zip(self.pairs, PARTS, self.parts):
+            yield (adds @ weight[self.order, axes].ravel()).reshape((part.stop - part.start,) * 2).T
+
+    @cached_property
+    def pairs(self) -> list[tuple[Any, Any]]:
+        """Of each of PARTS what a unit of weight of each coordinate, in the order of places, adds to the entries of the
+        lower triangle of the normal equations, column by column, (q q, c): 15 products of its equation; transposed."""
+        out = []
+        for (axes, _), part in zip(PARTS, self.parts):
+            size = part.stop - part.start
+            entry, product = pairs(size, self.unknown[self.order, axes] - part.start, self.factor[self.order, axes])
+            index, start = entry.ravel().astype(np.int32), np.arange(0, entry.size + 1, 15, dtype=np.int32)
+            adds = scipy.sparse.csc_array((product.ravel(), index, start), (size**2, entry.size // 15))
+            out.append((adds, adds.T))
+        return out
+
+    def shares(self, factors: Sequence[Factor]) -> Floats:
+        """Return of each coordinate what the inverse of the normal equations makes of its equation, (N, 3)."""
+        out = np.empty((len(self.order), 3))
+        for found, (_, each), (axes, _) in zip(factors, self.pairs, PARTS):
+            twice = 2 * found.inverse().T  # the lower triangle stands for both
+            twice[np.diag_indices(len(twice))] /= 2
+            out[self.order, axes] = (each @ twice.ravel()).reshape(len(out), -1)
+        return out
 
     @cached_property
     def _along(self) -> list[list[tuple[int, Any]]]:
@@ -303,10 +292,12 @@ class BaseSpace:
         """Return what the base model cannot describe of columns (m, N, 3), in white coordinates, same precision."""
         return self.free(self.whitening.apply(columns))
 
-    def free(self, columns: NDArray[Real]) -> NDArray[Real]:
-        """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""
+    def free(self, columns: NDArray[Real], steps: int = 2) -> NDArray[Real]:
+        """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision.
+
+        steps: one is enough where little of them can be described."""
         left = columns.astype(float)
-        for _ in range(2 * (len(columns) > 0)):
+        for _ in range(steps * (len(columns) > 0)):
             left -= self._places.columns(self._described(left), self.whitening)
         return left.astype(columns.dtype, copy=False)
 
@@ -316,6 +307,14 @@ class BaseSpace:
         Products of columns less products of these are the products of what the base model leaves of them."""
         right = self._places.right_sides(columns, self.whitening)
         return self._each('halved', right).T.astype(columns.dtype, copy=False)
+
+    def products(self, columns: Floats) -> list[Floats]:
+        """Return the products of what the base model leaves of white columns (m, N, 3), of z and of x and y, (m, m)."""
+        inside, out = self.inside(columns), []
+        for part, (axes, _) in zip(self._places.parts, PARTS):
+            rows = columns[..., axes].reshape(len(columns), -1)
+            out.append(rows @ rows.T - inside[:, part] @ inside[:, part].T)
+        return out
 
     def inside_of(self, waves: Waves, directions: NDArray[Any]) -> NDArray[np.float32]:
         """Return these coordinates (m, d, k) of m waves times directions (d, N, 3), single.
@@ -338,16 +337,25 @@ class BaseSpace:
             out[:, moved, part] = made.reshape(waves.rows, len(moved), made.shape[1])
         return out
 
+    def weighed(self, columns: Floats, weights: Floats) -> Iterator[tuple[Floats, float]]:
+        """Yield the products of what the base model leaves of columns (m, N, 3), (m, m), and the logarithm of the
+        determinant of the normal equations, for each of weights (D, N, 3) of the coordinates in white noise."""
+        places, flat = self._places, columns.reshape(len(columns), -1)
+        held = [gauge[2] @ gauge[2].T + np.diag(~known) for gauge, (_, known) in zip(places.gauges, self.systems)]
+        for weight in weights:
+            moved, log_det = flat * weight.ravel(), 0.0
+            right, products = places.adjoint @ moved.T, moved @ flat.T
+            for part, hold, normal in zip(places.parts, held, places.weighed(weight)):
+                root = lapack.dpotrf(normal + hold, lower=1, overwrite_a=1)[0]
+                half = lapack.dtrtrs(root, right[part], lower=1)[0]
+                products -= half.T @ half
+                log_det += 2 * float(np.sum(np.log(root.diagonal())))
+            yield products, log_det
+
     @property
     def leverage(self) -> Floats:
         """The share of each coordinate that the base model describes, (N, 3), in noise that does not wander."""
-        places, out = self._places, np.empty((len(self.whitening.factors), 3))
-        for found, part, (axes, _) in zip(self._factors, places.parts, PARTS):
-            unknown, factor, inverse = places.unknown[:, axes] - part.start, places.factor[:, axes], found.inverse()
-            out[:, axes] = sum(factor[..., one] * np.sum(
-                np.where(np.arange(one, 5) > one, 2, 1) * factor[..., one:] * inverse[
-                    unknown[..., one:], unknown[..., one, None]], axis=-1) for one in range(5))
-        return out * self.whitening.factors**2
+        return self._places.shares(self._factors) * self.whitening.factors**2
 
     def parameters(self, columns: Floats) -> BaseParameters:
         """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge; of what was not touched NaN."""
