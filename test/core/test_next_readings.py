@@ -254,6 +254,8 @@ def test_ways_see_what_the_run_saw():
     made = [way.every(some) for way in ways(some)]
     assert all(np.isin(one.cmm_position, (1, 2, 3, 5)).all() for one in made)
     assert some.is_gapless and all(continued(some, one, USUAL_PACE).is_gapless for one in made)
+    begun = run.take(np.arange(20))  # a sweep that was not ended: from there the CMM goes where the block sends it
+    assert all(np.isfinite(continued(begun, way.every(begun), USUAL_PACE).cmm_sense).all() for way in ways(begun))
 
 
 def test_the_leading_explanations_of_a_run():

@@ -31,8 +31,9 @@ pytestmark = pytest.mark.long
 
 N, MOST = 6, 12
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
-GOAL = {'order': 'row', 'until_probability': 1 - 1e-9, 'most_readings': MOST}
-"""A probability that no run reaches: readings are added up to the limit, or until none helps."""
+UNTIL = 0.6
+GOAL = {'order': 'row', 'until_probability': UNTIL, 'until_uncertainty': 1e-9, 'most_readings': MOST}
+"""A U that no run reaches: readings are added up to the limit."""
 BEFORE = 3 + 2 * N
 """Targets before those of the run: repeatability and alignment."""
 KILLS = int(os.environ.get('KILLS', '4'))
@@ -154,7 +155,7 @@ def test_the_report_shows_the_way(outcome):
     log = read_log(outcome[0].log)
     until, asked = log.asked[outcome[0].run_id]
     sizes = [N * N + len(one) for one in map(added_in, log.events) if one is not None]
-    assert until == 1 - 1e-9 and asked == [N * N, *sizes[:-1]]
+    assert until == UNTIL and asked == [N * N, *sizes[:-1]]
     run, source = open_source(outcome[0].log)
     assert source.asked == tuple(asked)
     assert 'The way to the cause: probability of the leading explanations' in report_html(summarise(run), source)
@@ -169,7 +170,7 @@ def added_in(event):
 
 def test_the_service_takes_until_from_the_parameters(domain_id, cell_of, trigger, wait_until):
     """A schedule that knows nothing of goals starts a run that goes on, too."""
-    parameters = {'order': 'row', 'until.probability': 1 - 1e-9, 'until.most_readings': 6}
+    parameters = {'order': 'row', 'until.probability': UNTIL, 'until.uncertainty_m': 1e-9, 'until.most_readings': 6}
     with cell_of(N, sequencer=parameters, groups={'hidden': HIDDEN}) as cell, CellClient(domain_id) as client:
         started, run_id = trigger(client, 'start_calibration')
         assert started, run_id

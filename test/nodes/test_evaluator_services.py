@@ -146,10 +146,10 @@ def test_a_joint_evaluation_is_answered_and_published(calibrated, ask, wait_unti
 
 def test_next_readings_are_those_of_the_log(calibrated, ask):
     """As offline, bit for bit, however often; other readings, and other blocks than the refused ones."""
-    wanted = {'readings': 5, 'until_probability': 1 - 1e-9}
+    wanted = {'readings': 5, 'until_probability': 0.6, 'until_uncertainty': 1e-9}
     answer = ask('next_readings', run_id=calibrated.run_id, **wanted)
     assert answer.success and not answer.settled, answer.message
-    offline = next_readings(read_log(calibrated.log).to_run(), readings=5, until=1 - 1e-9)
+    offline = next_readings(read_log(calibrated.log).to_run(), readings=5, until=0.6, uncertainty=1e-9)
     assert answer.block == block_message(offline.targets) and 0 < len(answer.block.ball) <= 5
     assert (answer.text, answer.message) == (standing_words(offline), block_words(offline))
     assert ask('next_readings', **wanted) == answer

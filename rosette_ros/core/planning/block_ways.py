@@ -9,7 +9,7 @@ import numpy as np
 from rosette_ros.core.geometry import TWO_PI, Floats, Ints
 from rosette_ros.core.planning.advice import times_of
 from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.scheme import Scheme, Way
 from rosette_ros.core.touches import USUAL, Pace
 
 NEXT = 'next'
@@ -96,8 +96,10 @@ def continued(run: Run, scheme: Scheme, pace: Pace) -> Run:
     step = np.diff(position) * TWO_PI / run.n
     turn = np.where(scheme.approach > 0, step % TWO_PI, step % TWO_PI - TWO_PI)
     turn[np.abs(step) < 1e-9] = 0.0
+    went = Way(position, ball, sense, np.arange(position.size)).cmm_sense(run.n, run.rotation)[1:]
     for name, new in (('centre', scheme.centres(run.radius)), ('time', time), ('temperature', _temperatures(run, time)),
                       ('session', np.full(size, run.session[-1])),
+                      ('cmm_sense', np.where(went == 0, run.cmm_sense[-1], went)),
                       ('table_angle', scheme.table_angle - scheme.table_offset),
                       ('table_travel', run.table_travel[-1] + np.cumsum(turn))):
         joined[name] = np.concatenate([getattr(run, name), new])
