@@ -20,8 +20,8 @@ from rosette_ros.core.records import Floats, Ints
 
 MOST = 5
 """Families of members of a hypothesis, and exchanges in it, at most."""
-BRANCHES = 3
-"""Ways in which a hypothesis is grown, by one member and by two each."""
+BEAM, BRANCHES = 2, 3
+"""Hypotheses that are grown side by side, and how many ways each, by one member and by two."""
 POOL = 48
 """Members of a pool."""
 PAIR_SIZES = 2.0**np.array([2, 4, 6])
@@ -34,6 +34,8 @@ ENOUGH = 0.1
 """Log evidence by which an exchange has to be better for another one to be tried."""
 GOLDEN, ROOT_EPSILON = (3 - math.sqrt(5)) / 2, math.sqrt(2.2e-16)
 """The golden section, and the accuracy with which a minimum can be known."""
+AGAIN = 0.05
+"""Share by which what parameters are worth has to grow for them to be refined in turn once more."""
 
 Looked = tuple[float, tuple[Place, ...]]
 """Log evidence of a hypothesis and its members at their best settings."""
@@ -141,27 +143,31 @@ class Search:
 
     @cached_property
     def grown(self) -> State:
-        """The State of the largest evidence that is found by adding members to names, and apart, to free courses."""
+        """The State of the largest evidence that is found by adding members."""
         empty = self._kept(self.evidence.empty)
-        best, growing = {True: empty, False: empty}, [empty]
-        while growing:
-            some = [child for state in growing for child in self._with_one(state, is_open=False)]
-            if growing == [empty]:
-                some += [*self._with_one(empty, is_open=True), *self._with_pool(empty, -NEAR)]
-            growing = []
-            for is_named, before in best.items():
-                own = [one for one in some if one.is_named == is_named and len(set(one.names)) <= MOST]
-                child = self.settled(max(own, key=_evidence)) if own else before
-                if child.log_evidence > before.log_evidence:
-                    best[is_named] = child
-                    growing.append(child)
-        return max(best.values(), key=_evidence)
+        beam, best = [empty], empty
+        while True:
+            children: dict[tuple[str, ...], State] = {}
+            for state in beam:
+                some = [*self._with_one(state, is_open=not state.members)]
+                if not state.members:
+                    some += self._with_pool(state, -NEAR)
+                for child in some:
+                    children[child.names] = max(child, children.get(child.names, child), key=_evidence)
+            beam = [self._settled(one) for one in sorted(children.values(), key=_evidence)[:-BEAM - 1:-1]
+                    if len(set(one.names)) <= MOST]
+            top = max(beam, key=_evidence, default=empty)
+            if top.log_evidence <= best.log_evidence:
+                break
+            best = top
+        return best
 
     @property
     def grown_of_names(self) -> State:
         """The State of the largest evidence among those on the way to `grown` whose members all have names."""
         self.grown  # noqa: B018 (looks at them)
-        return max((one for one in self.states.values() if one.is_named), key=_evidence)
+        return max((one for one in self.states.values() if not any(each.family.is_free for each in one.members)),
+                   key=_evidence)
 
     @cached_property
     def best(self) -> State:
@@ -169,7 +175,7 @@ class Search:
         best, better = self.evidence.empty, self.grown
         while better.log_evidence > best.log_evidence + ENOUGH:
             best = better
-            better = self.settled(max((best, *self._exchanged(best)), key=_evidence))
+            better = self._settled(max((best, *self._exchanged(best)), key=_evidence))
         return max(best, better, key=_evidence)
 
     @cached_property
@@ -233,7 +239,7 @@ class Search:
         """Yield a state with each of the best ones and twos of the pool; arguments as of `_with_one` and `best`."""
         for gain, members in self.pool.best(state, without):
             if state.log_evidence + gain > least:
-                yield self.settled(State(self.evidence, (*state.members, *members)))
+                yield self._settled(State(self.evidence, (*state.members, *members)))
 
     def _exchanged(self, state: State) -> Iterator[State]:
         """Yield what none to two members less and one or two others in their place make of a state."""
@@ -250,7 +256,7 @@ class Search:
                 self._exhausted.add(rest.places)
                 # what is worth as much as two others need not be so on the grid
                 for child in self._with_one(rest, fewer < 2, useful if fewer < 2 else -np.inf):
-                    yield self.settled(child) if child.log_evidence > near else child
+                    yield self._settled(child) if child.log_evidence > near else child
                 yield from self._with_pool(rest, near, set(state.names) - set(rest.names))
 
     def refined(self, state: State, offer: Suggestion) -> Member:
@@ -267,8 +273,9 @@ class Search:
         return max((refined(self.evidence, self.evidence.member(offer.family, setting, offer.volume), worth)
                     for setting in starts), key=worth)
 
-    def settled(self, state: State) -> State:
-        """Return a state with every member searched again, and refined, beside the others."""
+    def _settled(self, state: State) -> State:
+        """Return a state with every member searched again, and refined, beside the others, where that is better."""
+        before = state
         for place in range(len(state.members) if len(state.members) > 1 else 0):
             one, rest = state.members[place], State(self.evidence, state.without(place))
             offer = None if one.family.is_free else rest.offer(one.family)
@@ -281,7 +288,7 @@ class Search:
                 if best is not made:
                     made = self.refined(rest, Suggestion(0.0, best.family, best.setting, best.volume))
             state = State(self.evidence, (*rest.members[:place], made, *rest.members[place:]))
-        return self._kept(state)
+        return self._kept(max(before, state, key=_evidence))
 
 
 def _other_choices(member: Member) -> list[Setting]:
@@ -321,7 +328,7 @@ def refined(evidence: Evidence, member: Member, worth: Callable[[Member], float]
                 continue
             better = at(name, value)
             member = better if worth(better) >= worth(member) else member
-        if len(brackets) < 2 or worth(member) <= before + ENOUGH:
+        if len(brackets) < 2 or worth(member) <= before + AGAIN * abs(before):
             return member
 
 

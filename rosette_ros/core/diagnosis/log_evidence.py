@@ -251,15 +251,11 @@ class State:
         self._gram, self.product = self.rows @ self.rows.T, self.rows @ evidence.y
         sizes = np.array([one.size for one in members])
         occam = np.zeros(len(members))
-        for _ in members:  # until each has its likeliest size beside those of the others
-            before = sizes.copy()
-            for k in reversed(range(len(members))):  # the newest one first, as the others may have theirs already
-                whole = self._line(k, sizes)
-                line = allowed(whole, members[k].most)
-                best = int(np.argmax(line))
-                sizes[k], occam[k] = SIZES[best], float(log_mean(line)) - whole[best]
-            if np.array_equal(sizes[:-1], before[:-1]):
-                break
+        for k in reversed(range(len(members))):  # the newest one first, as the others have their sizes already
+            whole = self._line(k, sizes)
+            line = allowed(whole, members[k].most)
+            best = int(np.argmax(line))
+            sizes[k], occam[k] = SIZES[best], float(log_mean(line)) - whole[best]
         self.members = tuple(replace(one, size=float(size)) for one, size in zip(members, sizes))
         self.root, log_det = self._root(range(len(members)), sizes)
         self.inverse = self.root @ self.root.T
@@ -336,11 +332,6 @@ class State:
     def names(self) -> tuple[str, ...]:
         """The names of the members, sorted."""
         return tuple(sorted(one.name for one in self.members))
-
-    @property
-    def is_named(self) -> bool:
-        """Whether all members have names."""
-        return not any(one.family.is_free for one in self.members)
 
     @property
     def places(self) -> tuple[Place, ...]:

@@ -35,7 +35,8 @@ def clamped_plate(fit: Fit) -> ClampedPlate:
 
     shift, turn, freed = clamping(fit.plate, radius)
     of_motions, less = _cofactors(space)
-    u, u_freed = (fit.weighted_sigma * np.sqrt(one) for one in (
+    # of three balls nothing is left but rounding
+    u, u_freed = (fit.weighted_sigma * np.sqrt(np.maximum(one, 0)) for one in (
         of_motions + fit.joint.share(motions)[0], space.deviation_cofactors()[0] - less + fit.joint.share(rest)))
     return ClampedPlate(shift, turn, freed, u, u_freed)
 
