@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What moves with what, as far as a run tells, and by which law: on runs whose truth is known."""
 
-import json
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -26,12 +24,7 @@ DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
 
 def found_in(order, *hidden):
     """Return the Finding of a run of 8 balls of the machine that hides effects."""
-    return _found_in(order, json.dumps(hidden))
-
-
-@cache
-def _found_in(order, hidden):
-    config = MachineConfig().changed(seed=1, plate={'balls': 8}, hidden=json.loads(hidden))
+    config = MachineConfig().changed(seed=1, plate={'balls': 8}, hidden=list(hidden))
     return find(Machine(config).run(plan(8, order, 1)))
 
 

@@ -152,28 +152,16 @@ def test_the_curves_are_those_of_the_machine(cell, client, served):
     assert served.when(r'< \d+ Home') is None
 
 
-@pytest.fixture
-def backlash(served, monkeypatch):
-    """Give the CMM behind the server a table with backlash."""
+def test_a_run_goes_on_until_it_is_known(cell, client, served, monkeypatch):
+    """Backlash is seen by touches alone, three balls, there and back; blocks are measured touch by touch, like a plan,
+    and a U that no run reaches ends at the limit."""
     monkeypatch.setattr(served.server.commands, 'cmm', VirtualCmm(served.config.changed(
         probing={'repeatability_um': 0.2}, hidden=[{'kind': 'table_backlash', 'width_urad': 20.0}])))
-
-
-@pytest.mark.usefixtures('backlash')
-def test_a_hidden_effect_is_named(cell, client):
-    """Backlash of the table, seen by touches alone: three balls, there and back."""
-    outcome = client.calibrate('there_and_back', check=cell.check)
-    assert outcome.success, outcome.message
-    assert outcome.verdict.outcome is Outcome.NAMED
-    assert 'backlash of the table' in outcome.verdict.sentence
-
-
-@pytest.mark.usefixtures('backlash')
-def test_a_run_goes_on_until_it_is_known(cell, client):
-    """Blocks are measured touch by touch, like a plan; a probability that no run reaches ends at the limit."""
-    outcome = client.calibrate('there_and_back', until_probability=1 - 1e-9, most_readings=N, check=cell.check)
+    outcome = client.calibrate('there_and_back', until_uncertainty=1e-9, most_readings=N, check=cell.check)
     assert outcome.success, outcome.message
     assert 'not settled: ' in outcome.message
+    assert outcome.verdict.outcome is Outcome.NAMED
+    assert 'backlash of the table' in outcome.verdict.sentence
     log = read_log(outcome.log)
     run, refit = open_refitted(outcome.log)
     planned, *_ = log.asked[outcome.run_id][1]

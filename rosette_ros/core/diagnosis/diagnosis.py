@@ -87,7 +87,7 @@ class Finding:
     @property
     def with_cause(self) -> Fit | None:
         """The Fit with the cause found; None where nothing that has a name is missing."""
-        return self.final if self.missing else None
+        return self.final if self.verdict.missing else None
 
     @property
     def verdict(self) -> Verdict:

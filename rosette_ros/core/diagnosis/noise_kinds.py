@@ -75,9 +75,8 @@ class Beside:
         """Return what is left under a noise; raises NotDeterminable where too little counts."""
         return Left(self, BaseSpace(self.run, self._lever, self._terms, whitening))
 
-
     def likelihoods(self, weight: Floats) -> Floats:
-        """Return the log likelihoods under weights of the coordinates (D, N, 3), (D,)."""
+        """Return the log likelihoods under weights of the coordinates (D, N, 3), (D,); raises as `under`."""
         products, log_det = map(np.array, zip(*self.white.space.weighed(self.rows, weight)))
         return _joined(self, products, log_det - np.sum(np.log(weight), axis=(1, 2)))[0]
 

@@ -339,14 +339,18 @@ class BaseSpace:
 
     def weighed(self, columns: Floats, weights: Floats) -> Iterator[tuple[Floats, float]]:
         """Yield the products of what the base model leaves of columns (m, N, 3), (m, m), and the logarithm of the
-        determinant of the normal equations, for each of weights (D, N, 3) of the coordinates in white noise."""
+        determinant of the normal equations, for each of weights (D, N, 3) of the coordinates in white noise.
+
+        Raises NotDeterminable where too little counts."""
         places, flat = self._places, columns.reshape(len(columns), -1)
         held = [gauge[2] @ gauge[2].T + np.diag(~known) for gauge, (_, known) in zip(places.gauges, self.systems)]
         for weight in weights:
             moved, log_det = flat * weight.ravel(), 0.0
             right, products = places.adjoint @ moved.T, moved @ flat.T
             for part, hold, normal in zip(places.parts, held, places.weighed(weight)):
-                root = lapack.dpotrf(normal + hold, lower=1, overwrite_a=1)[0]
+                root, failed = lapack.dpotrf(normal + hold, lower=1, overwrite_a=1)
+                if failed:
+                    raise NotDeterminable('the readings that count under these weights do not determine the base model')
                 half = lapack.dtrtrs(root, right[part], lower=1)[0]
                 products -= half.T @ half
                 log_det += 2 * float(np.sum(np.log(root.diagonal())))
