@@ -48,8 +48,9 @@ def noise_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | N
 
 def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choice:
     """Return the Choice for a run; white: the search in white noise of a fit; under: makes that in another noise."""
-    best, scale = white.best, white.evidence.scale
-    alone = noise_beside(fitted, (), scale).found(max(LEAST, best.log_evidence - NEAR))
+    grown, scale = white.grown, white.evidence.scale
+    alone = noise_beside(fitted, (), scale).found(max(LEAST, grown.log_evidence - NEAR))
+    best = white.best if alone[0].log_evidence < grown.log_evidence + NEAR else grown  # noise has no better members
     looked: dict[Key, Looked] = {}
     sources: dict[Key, tuple[Search, Noise]] = {}
 
