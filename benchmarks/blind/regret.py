@@ -6,7 +6,7 @@ from itertools import permutations
 
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.hypotheses import Search
-from rosette_ros.core.diagnosis.log_evidence import Member, State, Suggestion
+from rosette_ros.core.diagnosis.log_evidence import Member, State
 from rosette_ros.core.records import Run
 
 SETTLED = 1e-3
@@ -16,31 +16,24 @@ SETTLED = 1e-3
 def regret(run: Run, hidden: Sequence[str]) -> float | None:
     """Return it in white noise; None where nothing of the library is hidden, or this order hides a part of it."""
     search = search_of(run).white
+    visited = max(value for value, _ in search.looked.values())
     made = [state for order in dict.fromkeys(permutations(hidden)) if (state := _of(search, order)) is not None]
     if not hidden or not made:
         return None
-    return max(one.log_evidence for one in made) - max(value for value, _ in search.looked.values())
+    return max(one.log_evidence for one in made) - visited
 
 
 def _of(search: Search, names: Sequence[str]) -> State | None:
-    """Return the State of some effects, which join in their order and are then refined beside the others."""
+    """Return the State of some effects, which join in their order and are then searched again beside the others."""
     state = State(search.evidence, ())
     for name in names:
         member = _best(search, state, name)
         if member is None:
             return None
         state = State(search.evidence, (*state.members, member))
-    while True:
-        before = state.log_evidence
-        for place, one in enumerate(state.members):
-            rest = State(search.evidence, state.without(place))
-            for member in (_best(search, rest, one.name), search.refined(
-                    rest, Suggestion(0.0, one.family, one.setting, one.volume))):
-                if member is not None:
-                    other = State(search.evidence, (*rest.members[:place], member, *rest.members[place:]))
-                    state = max(state, other, key=lambda each: each.log_evidence)
-        if state.log_evidence < before + SETTLED:
-            return state
+    while (better := search.settled(state)).log_evidence > state.log_evidence + SETTLED:
+        state = better
+    return better
 
 
 def _best(search: Search, state: State, name: str) -> Member | None:

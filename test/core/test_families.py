@@ -128,7 +128,7 @@ def test_the_first_move_of_the_probe_makes_no_wrong_reading():
         claim, = found.final.effects
         theta0 = claim.parameters[-1]
         assert claim.setting['part'] == part and theta0.name == 'theta0' and theta0.u < np.deg2rad(15)
-        assert theta0.value == pytest.approx(np.deg2rad(130), abs=4 * theta0.u)
+        assert np.angle(np.exp(1j * (theta0.value - np.deg2rad(130)))) == pytest.approx(0, abs=4 * theta0.u)
 
 
 FOREIGN = {
@@ -139,9 +139,6 @@ FOREIGN = {
         lambda run: rotate_z(run.phi, np.sin(13 * share(run)**2)[:, None] * X), {'time'}, 'plate along its x and y'),
     'a ball that wanders': (
         lambda run: of_ball(run, 6, np.sin(17 * share(run)**2), [0, 0, 1]), {'ball', 'time'}, 'frame along z'),
-    'a cycle that changes its pace': (
-        lambda run: np.sin(2 * np.pi * (5.5 * share(run) + 1.5 * share(run)**2))[:, None] * np.array([1, 0, 0.8]),
-        {'time'}, 'frame along x, y and z'),
     'what does not come again is no cycle': (
         lambda run: np.sin(2 * np.pi * 1.4 * share(run) + 0.5)[:, None] * np.array([0.6, -0.5, 0.6]),
         {'time'}, 'frame along x, y and z'),
@@ -161,6 +158,12 @@ def test_a_foreign_shape_has_no_name():
                 or (kind == 'a ball that wanders' and not found.unnamed[0].setting['of'].startswith('ball 6 '))):
             wrong[kind] = (found.missing, unexplained_words(found.verdict), found.final.noise.kinds)
     assert not wrong, wrong
+
+
+def test_several_cycles_of_one_motion_are_one_cause_of_an_open_law():
+    """A cycle that changes its pace is told as what moves with what; cycles of several periods are at most likely."""
+    cause, = find(measured(lambda run: np.sin(9 * (1 + share(run))**2)[:, None] * X, 'random', 40.0)).causes
+    assert ('frame' in cause.bodies, 'time' in cause.variables[0], cause.law_certain) == (True, True, False)
 
 
 def test_a_period_is_searched_from_two_cycles_in_the_run_on():

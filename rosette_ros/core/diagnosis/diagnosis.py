@@ -273,9 +273,10 @@ class RunSearch:
     def _is_certain(self, cause: Cause) -> bool:
         """Return whether no other law of the motions of a cause is near its own by likelihood.
 
-        Beside a motion without a name none is certain: what has no law of the library may be a part of it; nor beside
-        another cause of the same motion: two laws may be parts of one that the library does not have."""
-        if not cause.names or cause.law_probability < SURE or any(one.family.is_free for one in self.chosen.members):
+        Beside a motion without a name none is certain: what has no law of the library may be a part of it; nor are two
+        of the same motion, in one cause or in two: they may be parts of one that the library does not have."""
+        if (len(cause.names) != 1 or cause.law_probability < SURE
+                or any(one.family.is_free for one in self.chosen.members)):
             return False
         motions = [motion_of(self.run, place) for place in cause.places]
         if any(motion.agrees(motion_of(self.run, one.place)) for one in self.chosen.members
@@ -283,7 +284,7 @@ class RunSearch:
             return False
         for place, one in enumerate(self.chosen.members):
             if one.place in cause.places:
-                rest = State(self.evidence, self.chosen.without(place))
+                rest = self.chosen.without(place)
                 own = float(rest.line(one.rows).max())
                 least, motion = own - max(NEAR_LAW * own, 2.0), motion_of(self.run, one.place)
                 for offer in rest.offers(is_open=False):
@@ -325,7 +326,7 @@ class RunSearch:
     def p_of_member(self, place: int) -> float:
         """Return the probability that noise makes anything worth as much as a member of the best hypothesis."""
         member = self.chosen.members[place]
-        offers = State(self.evidence, self.chosen.without(place)).offers(member.family.is_free)
+        offers = self.chosen.without(place).offers(member.family.is_free)
         return self.p(next((one.gain for one in offers if one.family is member.family), -np.inf))
 
     def _is_guarded(self, place: int) -> bool:
@@ -340,7 +341,7 @@ class RunSearch:
         if not readings:
             return frozenset()
         others = self._unweighted(self.chosen)
-        own = {place: self._unweighted(State(self.evidence, self.chosen.without(place)))[row]
+        own = {place: self._unweighted(self.chosen.without(place))[row]
                for place, row in readings.items()}
         out: set[int] = set()
         for place in sorted(readings, key=lambda one: float(own[one] @ own[one])):
@@ -375,9 +376,7 @@ class RunSearch:
             self.said,
             tuple(self._cause_of(one) for one in members),
             tuple(one for one in self.posterior.claims if one not in claims), self._unnamed(), self._invisible(missing),
-            self._not_needed(), tuple(Explanation(names, noise, p) for (names, noise), p
-                                      in self.posterior.explanations()),
-            self.posterior.nothing, self.posterior.unnamed)
+            self._not_needed(), self.posterior.explanations(), self.posterior.nothing, self.posterior.unnamed)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
@@ -405,11 +404,11 @@ class RunSearch:
     def explained(self) -> tuple[tuple[float, Fit], ...]:
         """The likely explanations, up to 95 % together, each with its probability and fit, best first."""
         out = list[tuple[float, Fit]]()
-        for key, p in self.posterior.explanations():
-            if p < LIKELY and out:
+        for one in self.posterior.explanations():
+            if one.probability < LIKELY and out:
                 break
             try:
-                out.append((p, self._with_places(self.posterior.places(key))))
+                out.append((one.probability, self._with_places(self.posterior.places((one.members, one.noise)))))
             except NotDeterminable:
                 continue
         return tuple(out)

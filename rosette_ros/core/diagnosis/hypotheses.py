@@ -20,8 +20,8 @@ from rosette_ros.core.records import Floats, Ints
 
 MOST = 5
 """Families of members of a hypothesis, and exchanges in it, at most."""
-BEAM, BRANCHES = 2, 3
-"""Hypotheses that are grown side by side, and how many ways each, by one member and by two."""
+BRANCHES = 3
+"""Ways in which a hypothesis is grown, by one member and by two each."""
 POOL = 48
 """Members of a pool."""
 PAIR_SIZES = 2.0**np.array([2, 4, 6])
@@ -34,8 +34,6 @@ ENOUGH = 0.1
 """Log evidence by which an exchange has to be better for another one to be tried."""
 GOLDEN, ROOT_EPSILON = (3 - math.sqrt(5)) / 2, math.sqrt(2.2e-16)
 """The golden section, and the accuracy with which a minimum can be known."""
-AGAIN = 0.05
-"""Share by which what parameters are worth has to grow for them to be refined in turn once more."""
 
 Looked = tuple[float, tuple[Place, ...]]
 """Log evidence of a hypothesis and its members at their best settings."""
@@ -143,31 +141,27 @@ class Search:
 
     @cached_property
     def grown(self) -> State:
-        """The State of the largest evidence that is found by adding members."""
+        """The State of the largest evidence that is found by adding members to names, and apart, to free courses."""
         empty = self._kept(self.evidence.empty)
-        beam, best = [empty], empty
-        while True:
-            children: dict[tuple[str, ...], State] = {}
-            for state in beam:
-                some = [*self._with_one(state, is_open=not state.members)]
-                if not state.members:
-                    some += self._with_pool(state, -NEAR)
-                for child in some:
-                    children[child.names] = max(child, children.get(child.names, child), key=_evidence)
-            beam = [self._settled(one) for one in sorted(children.values(), key=_evidence)[:-BEAM - 1:-1]
-                    if len(set(one.names)) <= MOST]
-            top = max(beam, key=_evidence, default=empty)
-            if top.log_evidence <= best.log_evidence:
-                break
-            best = top
-        return best
+        best, growing = {True: empty, False: empty}, [empty]
+        while growing:
+            some = [child for state in growing for child in self._with_one(state, is_open=False)]
+            if growing == [empty]:
+                some += [*self._with_one(empty, is_open=True), *self._with_pool(empty, -NEAR)]
+            growing = []
+            for is_named, before in best.items():
+                own = [one for one in some if one.is_named == is_named and len(set(one.names)) <= MOST]
+                child = self.settled(max(own, key=_evidence)) if own else before
+                if child.log_evidence > before.log_evidence:
+                    best[is_named] = child
+                    growing.append(child)
+        return max(best.values(), key=_evidence)
 
     @property
     def grown_of_names(self) -> State:
         """The State of the largest evidence among those on the way to `grown` whose members all have names."""
         self.grown  # noqa: B018 (looks at them)
-        return max((one for one in self.states.values() if not any(each.family.is_free for each in one.members)),
-                   key=_evidence)
+        return max((one for one in self.states.values() if one.is_named), key=_evidence)
 
     @cached_property
     def best(self) -> State:
@@ -175,7 +169,10 @@ class Search:
         best, better = self.evidence.empty, self.grown
         while better.log_evidence > best.log_evidence + ENOUGH:
             best = better
-            better = self._settled(max((best, *self._exchanged(best)), key=_evidence))
+            better = self.settled(max((best, *self._exchanged(best)), key=_evidence))
+            for names in [one for one, (value, _) in self.looked.items()
+                          if one not in self.states and value > better.log_evidence]:
+                better = max(better, self.settled(self.state(names)), key=_evidence)
         return max(best, better, key=_evidence)
 
     @cached_property
@@ -195,25 +192,17 @@ class Search:
     def state(self, names: tuple[str, ...]) -> State:
         """Return the State of names that were looked at, refined where only its value on the grid is known."""
         if names not in self.states:
-            for name in names:
-                rest = list(names)
-                rest.remove(name)
-                found = self.states.get(tuple(rest))
-                offers = [] if found is None else [one for one in self.offers(found, True) if one.family.name == name]
-                if found is not None and offers:
-                    self._kept(State(self.evidence, (*found.members, self.refined(found, offers[0]))))
+            for place, name in enumerate(names):
+                if rest := self.states.get(names[:place] + names[place + 1:]):
+                    for offer in [one for one in self.offers(rest, True) if one.family.name == name]:
+                        self._kept(State(self.evidence, (*rest.members, self.refined(rest, offer))))
         return self.states[names]
 
     def _kept(self, state: State) -> State:
         names = state.names
         if names not in self.states or state.log_evidence > self.states[names].log_evidence:
-            self.states[names] = state
-        self._look(names, state.log_evidence, state.places)
+            self.states[names], self.looked[names] = state, (state.log_evidence, state.places)
         return state
-
-    def _look(self, names: tuple[str, ...], value: float, places: tuple[Place, ...]) -> None:
-        if names not in self.looked or value > self.looked[names][0]:
-            self.looked[names] = value, places
 
     def offers(self, state: State, is_open: bool) -> list[Suggestion]:
         """Return the Suggestions beside a state that may join it; what they are worth counts among the hypotheses."""
@@ -222,8 +211,9 @@ class Search:
             found = [one for one in state.offers(is_open)
                      if one.family.effect.repeatable or one.family.name not in state.names]
             for one in found:
-                self._look(tuple(sorted((*state.names, one.family.name))), state.log_evidence + one.gain,
-                           (*state.places, (one.family, one.setting)))
+                names, value = tuple(sorted((*state.names, one.family.name))), state.log_evidence + one.gain
+                if names not in self.states and value > self.looked.get(names, (-np.inf,))[0]:  # until it is refined
+                    self.looked[names] = value, (*state.places, (one.family, one.setting))
             self._offers[key] = found
         return self._offers[key]
 
@@ -239,7 +229,7 @@ class Search:
         """Yield a state with each of the best ones and twos of the pool; arguments as of `_with_one` and `best`."""
         for gain, members in self.pool.best(state, without):
             if state.log_evidence + gain > least:
-                yield self._settled(State(self.evidence, (*state.members, *members)))
+                yield self.settled(State(self.evidence, (*state.members, *members)))
 
     def _exchanged(self, state: State) -> Iterator[State]:
         """Yield what none to two members less and one or two others in their place make of a state."""
@@ -247,16 +237,16 @@ class Search:
         for fewer in (0, 1, 2)[:len(state.members) + 1]:
             some: dict[tuple[str, ...], State] = {}
             for kept in combinations(state.members, len(state.members) - fewer):
-                rest = State(self.evidence, kept) if fewer else state
+                rest = State(self.evidence, kept, is_sized=True) if fewer else state
                 some[rest.names] = max(rest, some.get(rest.names, rest), key=_evidence)
-            for rest in map(self._kept, some.values()):  # of events of one kind those that are missed least
-                yield rest
+            for rest in some.values():  # of events of one kind those that are missed least
+                yield self._kept(State(self.evidence, rest.members))
                 if rest.places in self._exhausted:
                     continue
                 self._exhausted.add(rest.places)
                 # what is worth as much as two others need not be so on the grid
                 for child in self._with_one(rest, fewer < 2, useful if fewer < 2 else -np.inf):
-                    yield self._settled(child) if child.log_evidence > near else child
+                    yield self.settled(child) if child.log_evidence > near else child
                 yield from self._with_pool(rest, near, set(state.names) - set(rest.names))
 
     def refined(self, state: State, offer: Suggestion) -> Member:
@@ -273,11 +263,11 @@ class Search:
         return max((refined(self.evidence, self.evidence.member(offer.family, setting, offer.volume), worth)
                     for setting in starts), key=worth)
 
-    def _settled(self, state: State) -> State:
-        """Return a state with every member searched again, and refined, beside the others, where that is better."""
-        before = state
-        for place in range(len(state.members) if len(state.members) > 1 else 0):
-            one, rest = state.members[place], State(self.evidence, state.without(place))
+    def settled(self, state: State) -> State:
+        """Return a state with each member searched again, and refined, beside the others, or left out if better so."""
+        place = 0
+        while place < len(state.members) > 1:
+            one, rest = state.members[place], state.without(place)
             offer = None if one.family.is_free else rest.offer(one.family)
             made = self.refined(rest, Suggestion(0.0, one.family, one.setting, offer.volume if offer else one.volume))
             if offer:  # somewhere else, or with another choice, it may be better beside these others
@@ -288,7 +278,11 @@ class Search:
                 if best is not made:
                     made = self.refined(rest, Suggestion(0.0, best.family, best.setting, best.volume))
             state = State(self.evidence, (*rest.members[:place], made, *rest.members[place:]))
-        return self._kept(max(before, state, key=_evidence))
+            if rest.log_evidence > state.log_evidence:
+                state = State(self.evidence, rest.members)
+            else:
+                place += 1
+        return self._kept(state)
 
 
 def _other_choices(member: Member) -> list[Setting]:
@@ -326,9 +320,8 @@ def refined(evidence: Evidence, member: Member, worth: Callable[[Member], float]
                 value = min(bracket, key=loss)
             else:
                 continue
-            better = at(name, value)
-            member = better if worth(better) >= worth(member) else member
-        if len(brackets) < 2 or worth(member) <= before + AGAIN * abs(before):
+            member = max(member, at(name, value), key=worth)
+        if len(brackets) < 2 or worth(member) <= before + ENOUGH:
             return member
 
 

@@ -241,9 +241,12 @@ class Evidence:
 
 
 class State:
-    """A set of members and its log evidence; ends: where the rows of each begin, and end, among those of all."""
+    """A set of members and its log evidence; ends: where the rows of each begin, and end, among those of all.
 
-    def __init__(self, evidence: Evidence, members: Sequence[Member]) -> None:
+    is_sized: whether the members keep their sizes, as they have them beside another one.
+    """
+
+    def __init__(self, evidence: Evidence, members: Sequence[Member], is_sized: bool = False) -> None:
         self.evidence = evidence
         rows = [one.rows for one in members]
         self.ends = np.cumsum([0, *map(len, rows)])
@@ -251,11 +254,15 @@ class State:
         self._gram, self.product = self.rows @ self.rows.T, self.rows @ evidence.y
         sizes = np.array([one.size for one in members])
         occam = np.zeros(len(members))
-        for k in reversed(range(len(members))):  # the newest one first, as the others have their sizes already
-            whole = self._line(k, sizes)
-            line = allowed(whole, members[k].most)
-            best = int(np.argmax(line))
-            sizes[k], occam[k] = SIZES[best], float(log_mean(line)) - whole[best]
+        for _ in members:  # until each has its likeliest size beside those of the others
+            before = sizes.copy()
+            for k in reversed(range(len(members))):  # the newest one first, as the others may have theirs already
+                whole = self._line(k, sizes)
+                line = allowed(whole, members[k].most)
+                best = int(np.searchsorted(SIZES, sizes[k]) if is_sized else np.argmax(line))
+                sizes[k], occam[k] = SIZES[best], float(log_mean(line)) - whole[best]
+            if np.array_equal(sizes[:-1], before[:-1]):
+                break
         self.members = tuple(replace(one, size=float(size)) for one, size in zip(members, sizes))
         self.root, log_det = self._root(range(len(members)), sizes)
         self.inverse = self.root @ self.root.T
@@ -323,10 +330,8 @@ class State:
 
     def fall(self, rows: Floats) -> float:
         """Return by how much a least-squares fit of further rows (q, 3 N) lowers the square sum."""
-        rows = rows - (rows @ self.basis.T) @ self.basis
-        value, vector = np.linalg.eigh(rows @ rows.T)
-        keep = value > ROUNDING
-        return float(np.sum((vector[:, keep].T @ (rows @ self.residual))**2 / value[keep]))
+        left, _ = self.extended(rows)
+        return self.rss - float(left @ left)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -334,13 +339,18 @@ class State:
         return tuple(sorted(one.name for one in self.members))
 
     @property
+    def is_named(self) -> bool:
+        """Whether all members have names."""
+        return not any(one.family.is_free for one in self.members)
+
+    @property
     def places(self) -> tuple[Place, ...]:
         """The families and settings of the members."""
         return tuple(one.place for one in self.members)
 
-    def without(self, place: int) -> tuple[Member, ...]:
-        """Return the members but one."""
-        return self.members[:place] + self.members[place + 1:]
+    def without(self, place: int) -> 'State':
+        """Return the members but one, of the sizes that they have beside it."""
+        return State(self.evidence, self.members[:place] + self.members[place + 1:], is_sized=True)
 
     def offers(self, is_open: bool = True) -> list[Suggestion]:
         """Return the Suggestion of every family beside the members, best first; is_open: of free courses, too."""

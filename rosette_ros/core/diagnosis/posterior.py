@@ -210,13 +210,15 @@ class Posterior:
         return self._places[key]
 
     def causes(self, run: Run, motions: Mapping[Place, MotionOf]) -> tuple[Cause, ...]:
-        """Return what the members of the best hypothesis say; two that another one replaces are a Cause together.
+        """Return what the members of the best hypothesis say; two of one law that move the same with the same, and two
+        that another one replaces, are a Cause together.
 
         motions: what each of these members may say in the run."""
         groups = [[place] for place in motions]
         for one, other in combinations(motions, 2):
             first, second = (next(group for group in groups if place in group) for place in (one, other))
-            if first is not second and self._is_replaced(run, one, other, motions):
+            if first is not second and ((one[0].name == other[0].name and motions[one].agrees(motions[other]))
+                                        or self._is_replaced(run, one, other, motions)):
                 first += second
                 groups.remove(second)
         laws: list[Counter[tuple[str, ...]]] = [Counter() for _ in groups]
@@ -336,12 +338,7 @@ class Posterior:
                     out[more[0]] = out.get(more[0], 0.0) + p
         return out
 
-    def explanations(self, share: float = 0.95) -> Sequence[tuple[Key, float]]:
-        """Return hypotheses and their probabilities, best first, until they have a share together."""
-        out, total = [], 0.0
-        for key in self.keys:
-            out.append((key, self.p[key]))
-            total += self.p[key]
-            if total >= share:
-                break
-        return out
+    def explanations(self, share: float = 0.95) -> tuple[Explanation, ...]:
+        """Return hypotheses, the likeliest first, until they have a share together."""
+        total = np.cumsum([self.p[key] for key in self.keys])
+        return tuple(Explanation(*key, self.p[key]) for key in self.keys[:np.searchsorted(total, share) + 1])

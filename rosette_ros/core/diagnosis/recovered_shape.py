@@ -59,7 +59,7 @@ def recovered_shapes(state: State, claimed: Sequence[Member]) -> tuple[Shape, ..
 
 
 def _shape(state: State, place: int) -> Shape | None:
-    member, rest = state.members[place], State(state.evidence, state.without(place))
+    member, rest = state.members[place], state.without(place)
     run = state.evidence.run
     setting = member.setting if member.family.is_free else _twin(rest, member)
     if setting is None:
