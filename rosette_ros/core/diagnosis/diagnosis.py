@@ -33,7 +33,7 @@ from rosette_ros.core.diagnosis.posterior import (
 )
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
-from rosette_ros.core.effects.free import moving_bodies
+from rosette_ros.core.effects.free import PLACES, moving_bodies
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.mixture import total
@@ -274,24 +274,23 @@ class RunSearch:
         """Return whether no other law of the motions of a cause is near its own by likelihood.
 
         Beside a motion without a name none is certain: what has no law of the library may be a part of it; nor are two
-        of the same motion, in one cause or in two: they may be parts of one that the library does not have."""
+        of the same motion, in one cause or in two: they may be parts of one that the library does not have; nor is one
+        where a place of the readings stands for the time or travel that it is a law of."""
+        places = frozenset(PLACES)
         if (len(cause.names) != 1 or cause.law_probability < SURE
-                or any(one.family.is_free for one in self.chosen.members)):
+                or any(one.family.is_free for one in self.chosen.members)
+                or any(not places.isdisjoint(some) and not places.issuperset(some) for some in cause.variables)):
             return False
-        motions = [motion_of(self.run, place) for place in cause.places]
-        if any(motion.agrees(motion_of(self.run, one.place)) for one in self.chosen.members
-               if one.place not in cause.places for motion in motions):
+        place = next(k for k, one in enumerate(self.chosen.members) if one.place in cause.places)
+        member, rest = self.chosen.members[place], self.chosen.without(place)
+        motion, own = motion_of(self.run, member.place), float(rest.line(member.rows).max())
+        if any(motion.agrees(motion_of(self.run, one.place)) for one in rest.members):
             return False
-        for place, one in enumerate(self.chosen.members):
-            if one.place in cause.places:
-                rest = self.chosen.without(place)
-                own = float(rest.line(one.rows).max())
-                least, motion = own - max(NEAR_LAW * own, 2.0), motion_of(self.run, one.place)
-                for offer in rest.offers(is_open=False):
-                    other = self.evidence.member(offer.family, offer.setting, offer.volume)
-                    if (other.name not in cause.names and motion.agrees(motion_of(self.run, other.place))
-                            and rest.line(other.rows).max() > least):
-                        return False
+        for offer in rest.offers(is_open=False):
+            other = self.evidence.member(offer.family, offer.setting, offer.volume)
+            if (other.name != member.name and motion.agrees(motion_of(self.run, other.place))
+                    and rest.line(other.rows).max() > own - max(NEAR_LAW * own, 2.0)):
+                return False
         return True
 
     @cached_property
