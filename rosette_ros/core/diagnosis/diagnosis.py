@@ -340,8 +340,7 @@ class RunSearch:
         if not readings:
             return frozenset()
         others = self._unweighted(self.chosen)
-        own = {place: self._unweighted(self.chosen.without(place))[row]
-               for place, row in readings.items()}
+        own = {place: self._unweighted(self.chosen.without(place))[row] for place, row in readings.items()}
         out: set[int] = set()
         for place in sorted(readings, key=lambda one: float(own[one] @ own[one])):
             rest = np.delete(others, [row for one, row in readings.items() if one not in out], axis=0)
@@ -372,8 +371,7 @@ class RunSearch:
         return Finding(
             self.model, self.start, self._final, missing,
             tuple(Term(one.family.effect, one.setting, True) for one in members), tuple(dict.fromkeys(claims)),
-            self.said,
-            tuple(self._cause_of(one) for one in members),
+            self.said, tuple(self._cause_of(one) for one in members),
             tuple(one for one in self.posterior.claims if one not in claims), self._unnamed(), self._invisible(missing),
             self._not_needed(), self.posterior.explanations(), self.posterior.nothing, self.posterior.unnamed)
 
