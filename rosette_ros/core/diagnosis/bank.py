@@ -211,28 +211,32 @@ class BlockGroup:
 class Bank:
     """The candidates of a run; groups: by the number of columns, and whether they are free courses."""
 
-    def __init__(self, run: Run, families: Sequence[CauseFamily]) -> None:
+    def __init__(self, run: Run, families: Sequence[CauseFamily], wider: 'Bank | None' = None) -> None:
+        """Take families, those that have names first; wider: a bank of the same named ones, whose blocks are shared."""
         self.run, self.families, self._parts = run, tuple(families), list[tuple[ColumnSet, list[Piece]]]()
+        self._parts_of, self.groups = dict[str, slice](), dict[Key, BlockGroup]()
+        if wider:
+            self._parts += [one for one in wider._parts if not one[1][0].key[1]]
+            self._parts_of |= wider._parts_of
+            self.groups |= {key: group for key, group in wider.groups.items() if not key[1]}
         made: dict[Key, list[tuple[Ints, ...]]] = {}
-        free: dict[Setting, tuple[int, int]] = {}
-        self._parts_of: dict[str, slice] = {}
+        free, shared = dict[Setting, tuple[int, int]](), len(self._parts)
         for number, family in enumerate(families):
             places, first = {setting: (number, k) for k, setting in enumerate(family.settings)}, len(self._parts)
             if family.is_free:
                 free |= places
-            else:
+            elif not wider:
                 self._add(places, family.effect.factors(run, family.settings), False, made)
                 self._parts_of[family.name] = slice(first, len(self._parts))
         self._add(free, _shared(run, free), True, made)
         self.ends = np.cumsum([0, *(len(family.settings) for family in families)]).tolist()
         self.range_of = {one.name: ends for one, ends in zip(families, zip(self.ends, self.ends[1:]))}
-        self.groups = {}
         for key, found in sorted(made.items()):
             of, setting, column = (np.concatenate([one[k] for one in found]) for k in range(3))
             mix = np.zeros((*column.shape, key[0])[:3 - key[1]], np.float32)
             self.groups[key] = BlockGroup(of, setting, np.array(self.ends)[of] + setting, column, mix,
                                           np.full(len(of), np.inf))
-        for part, pieces in self._parts:
+        for part, pieces in self._parts[shared:]:
             self._orthonormalise(part, pieces)
 
     def _add(self, places: Mapping[Setting, tuple[int, int]], factors: Iterable[Factors], is_free: bool,
@@ -302,9 +306,9 @@ class Bank:
                     group, begin = self.groups[piece.key], piece.place.start
                     place = slice(begin + own.start, begin + own.stop)
                     rows = part.rows_of(inside, wave, which)
-                    gram = (part.gram(squares, wave, which) if dots is not None
-                            else _products(part.rows_of(white, wave, which)))
-                    half = group.mixed(gram - _products(rows), place)
+                    of = part.rows_of(white, wave, which) if dots is None else None
+                    gram = part.gram(squares, wave, which) if of is None else of @ of.transpose(0, 2, 1)
+                    half = group.mixed(gram - rows @ rows.transpose(0, 2, 1), place)
                     q = part.m * which.shape[1]
                     out[piece.key][place, :q, :q] = group.mixed(half.transpose(0, 2, 1), place)
         return out
@@ -410,7 +414,3 @@ def scaled(square: Reals, variance: Floats) -> Floats:
     wanted = np.sqrt(np.repeat(variance, square.shape[1] // variance.shape[1], axis=1))
     kept = size > 1e-6 * size.max(axis=1, keepdims=True)
     return np.asarray(np.divide(wanted, size, out=np.zeros_like(size), where=kept))
-
-
-def _products(rows: Reals) -> Reals:
-    return np.asarray(rows @ rows.transpose(0, 2, 1))

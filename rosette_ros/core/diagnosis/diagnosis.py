@@ -231,7 +231,7 @@ class RunSearch:
 
     @cached_property
     def _few(self) -> Bank:
-        return Bank(self.run, self.white.hopeful(HOPEFUL))
+        return Bank(self.run, self.white.hopeful(HOPEFUL), self.bank)
 
     def with_members(self, members: Sequence[Member]) -> Fit:
         """Return the joint fit of the model with members added, under the noise of the run."""
