@@ -33,7 +33,7 @@ from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.planning.block_ways import NEXT
 from rosette_ros.core.planning.next_readings import NextReadings, next_readings, standing
 from rosette_ros.core.records import Floats, Run
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.scheme import Scheme, Way
 from rosette_ros.simulation.hidden_effect import Draw
 from rosette_ros.simulation.hidden_kinds import KINDS as HIDDEN
 from rosette_ros.simulation.hidden_kinds import NAMED
@@ -103,8 +103,9 @@ class Cell:
         more = {'table_position': of.table_position, 'ball': of.ball, 'centre': self._centres(centres),
                 'time': of.time - self._begin, 'table_angle': of.table_angle, 'temperature': of.temperature,
                 'approach': of.approach, 'table_travel': of.table_travel, 'session': np.ones(of.ball.size)}
-        self.run = run.replace(repeats=True, **{
-            name: np.concatenate([getattr(run, name), new]) for name, new in more.items()})
+        joined = {name: np.concatenate([getattr(run, name), new]) for name, new in more.items()}
+        went = Way(joined['table_position'], joined['ball'], joined['approach'], np.arange(len(joined['ball'])))
+        self.run = run.replace(repeats=True, cmm_sense=went.cmm_sense(run.n, run.rotation), **joined)  # as a log has it
 
 
 def _centred(shift: Floats) -> Floats:

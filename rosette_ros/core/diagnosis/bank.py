@@ -219,8 +219,7 @@ class Bank:
             self._parts += [one for one in wider._parts if not one[1][0].key[1]]
             self._parts_of |= wider._parts_of
             self.groups |= {key: group for key, group in wider.groups.items() if not key[1]}
-        made: dict[Key, list[tuple[Ints, ...]]] = {}
-        free, shared = dict[Setting, tuple[int, int]](), len(self._parts)
+        made, free, shared = dict[Key, list[tuple[Ints, ...]]](), dict[Setting, tuple[int, int]](), len(self._parts)
         for number, family in enumerate(families):
             places, first = {setting: (number, k) for k, setting in enumerate(family.settings)}, len(self._parts)
             if family.is_free:

@@ -217,7 +217,8 @@ class NoiseKinds:
         for nu in degrees_of(name):
             shape, rate, known = self._prior(name, nu)
             a = shape + free / 2
-            by_size = dof / 2 * np.log(LOOKED) - np.sum(a * np.log(rate + LOOKED[:, None] / 2 * energy), axis=1)
+            each = (np.array_split(one, 1 + len(a) // 4096) for one in (a, rate, energy))
+            by_size = dof / 2 * np.log(LOOKED) - sum(np.log(r + LOOKED[:, None] / 2 * e) @ s for s, r, e in zip(*each))
             values.append(known + by_size.max() + np.sum(gammaln(a) - gammaln(shape) + shape * np.log(rate)) + dof / 2)
         return float(log_mean(np.array(values))) + self._each
 
@@ -225,18 +226,14 @@ class NoiseKinds:
         """Return whether readings near in time agree more than in white noise, so that a wander may be worth it.
 
         Score test of r'K r, K the correlations of a wander, against what the fit leaves of PROBES of white noise."""
-        white, size = self.beside.white, self.run.size
-        drawn = white.freed(np.random.default_rng(0).standard_normal((PROBES, size, 3)))
-        rows = np.concatenate([white.fitted[0].reshape(1, size, 3), drawn])
-        power = np.abs(np.fft.rfft(rows, 2 * size, axis=1))**2
-        lags = np.fft.irfft(power, axis=1)[:, 1:size] / np.maximum(
-            np.sum(rows**2, axis=1, keepdims=True), np.finfo(float).tiny)
-        for phi in MEMORIES[1:5:3]:
-            score = np.einsum('pta,t->pa', lags, phi**np.arange(1, size))
-            off = (score[0] - score[1:].mean(axis=0)) / score[1:].std(axis=0, ddof=1)
-            if np.sum(np.maximum(off, 0)**2) > STANDS:
-                return True
-        return False
+        white, size, rng = self.beside.white, self.run.size, np.random.default_rng(0)
+        memory = np.array(MEMORIES[1:5:3])[:, None]**np.arange(1, size)
+        rows = (white.freed(rng.standard_normal((1, size, 3)))[0] if k else white.fitted[0].reshape(size, 3)
+                for k in range(PROBES + 1))  # one by one, as they may be long
+        score = np.array([memory @ np.fft.irfft(np.abs(np.fft.rfft(row, 2 * size, axis=0))**2, axis=0)[1:size]
+                          / np.maximum(np.sum(row**2, axis=0), np.finfo(float).tiny) for row in rows])
+        off = (score[0] - score[1:].mean(axis=0)) / score[1:].std(axis=0, ddof=1)
+        return bool((np.sum(np.maximum(off, 0)**2, axis=1) > STANDS).any())
 
     def _prior(self, name: str, nu: Floats | float) -> tuple[Floats, Floats, Floats]:
         """Return shapes and rates (..., groups) of the gamma distributions of weights, and log evidence of the check.

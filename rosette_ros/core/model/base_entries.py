@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The measurement equation of the base model, by coordinates, and whether a plan determines it; numpy alone."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rosette_ros.core.errors import InvalidPlan, counted
 from rosette_ros.core.geometry import Floats, Ints, nominal_angles
@@ -33,7 +36,7 @@ def entries(n: int, table_position: Ints, ball: Ints, terms: tuple[str, ...] = B
     return unknown, factor.transpose(2, 0, 1) * np.isin(BASE_TERMS, terms)[TERM][unknown // n]
 
 
-def pairs(size: int, unknown: Ints, factor: Floats) -> tuple[Ints, Floats]:
+def pairs(size: int, unknown: NDArray[np.integer[Any]], factor: Floats) -> tuple[NDArray[np.integer[Any]], Floats]:
     """Return what coordinates (..., 5 of `size` unknowns) add to the lower triangle of their normal equations.
 
     Entries (..., 15), column by column, and the products of factors there."""

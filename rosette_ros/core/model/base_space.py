@@ -185,9 +185,10 @@ class Places:
         out = []
         for (axes, _), part in zip(PARTS, self.parts):
             size = part.stop - part.start
-            entry, product = pairs(size, self.unknown[self.order, axes] - part.start, self.factor[self.order, axes])
-            index, start = entry.ravel().astype(np.int32), np.arange(0, entry.size + 1, 15, dtype=np.int32)
-            adds = scipy.sparse.csc_array((product.ravel(), index, start), (size**2, entry.size // 15))
+            entry, product = pairs(size, (self.unknown[self.order, axes] - part.start).astype(np.int32),
+                                   self.factor[self.order, axes])
+            start = np.arange(0, entry.size + 1, 15, dtype=np.int32)
+            adds = scipy.sparse.csc_array((product.ravel(), entry.ravel(), start), (size**2, entry.size // 15))
             out.append((adds, adds.T))
         return out
 
