@@ -243,7 +243,7 @@ class _SimulatedReadings:
         run, fit, offset = self.run, self.fit, np.broadcast_to(self.fit.beyond, y.shape)
         effects = sum((one.displacement for one in fit.effects), start=np.zeros(3))
         for _ in range(STEPS):
-            found = fit.joint.space.parameters(y - offset - effects)
+            found = fit.joint.space.described(y - offset - effects)[0]
             offset = fit.beyond + beyond_linear(run, fit.mean_radius, found) - self.of_fit
         return offset
 

@@ -261,7 +261,7 @@ def _noise_variances(fit: Fit) -> tuple[Floats, Floats]:
             rows[np.arange(here.size), here, axis] = 1.0
             rows = space.whitening.inverse(rows)
             square[axis] += float(np.sum(rows**2)) / size
-            out[axis] += np.sum(space.parameters(rows).curves**2, axis=0)
+            out[axis] += np.sum(space.described(rows)[0].curves**2, axis=0)
     return out, np.sqrt(square)
 
 

@@ -86,7 +86,7 @@ def test_u_of_a_range_is_that_of_repeated_runs(share):
     run = run.take(np.sort(rng.permutation(run.size)[:round(share * run.size)]))
     found = analyse(run)
     noise = found.sigma * rng.normal(size=(3000, run.size, 3))
-    curves = found.joint.space.parameters(noise).curves
+    curves = found.joint.space.described(noise)[0].curves
     high, low = [0, 1, 2, 3, 4, 5], [4, 2, 7, 6, 5, 0]
     spread = (curves[:, high, range(6)] - curves[:, low, range(6)]).std(axis=0)
     stated = found.sigma * np.sqrt(found.joint.difference_cofactor(high, low))

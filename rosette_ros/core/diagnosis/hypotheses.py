@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Collection, Container, Iterator
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement, islice, product
+from operator import attrgetter
 
 import numpy as np
 
@@ -35,6 +36,7 @@ ENOUGH = 0.1
 GOLDEN, ROOT_EPSILON = (3 - math.sqrt(5)) / 2, math.sqrt(2.2e-16)
 """The golden section, and the accuracy with which a minimum can be known."""
 
+_evidence = attrgetter('log_evidence')
 Looked = tuple[float, tuple[Place, ...]]
 """Log evidence of a hypothesis and its members at their best settings."""
 
@@ -42,8 +44,7 @@ Looked = tuple[float, tuple[Place, ...]]
 class Pool:
     """The best settings of the named families alone, one of each number of columns: what each two are worth together.
 
-    volumes: of the families, as of Member.
-    """
+    volumes: of the families, as of Member."""
 
     def __init__(self, evidence: Evidence, volumes: dict[str, float]) -> None:
         best: list[tuple[float, CauseFamily, Setting]] = []
@@ -361,7 +362,3 @@ def minimum(loss: Callable[[float], float], bracket: tuple[float, float], tolera
             elif value <= worth_third or third in (best, second):
                 third, worth_third = place, value
     return best
-
-
-def _evidence(state: State) -> float:
-    return state.log_evidence

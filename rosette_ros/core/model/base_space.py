@@ -362,12 +362,15 @@ class BaseSpace:
         """The share of each coordinate that the base model describes, (N, 3), in noise that does not wander."""
         return self._places.shares(self._factors) * self.whitening.factors**2
 
-    def parameters(self, columns: Floats) -> BaseParameters:
-        """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge; of what was not touched NaN."""
-        columns = self.whitening.apply(columns)
-        found = self._described(columns)
-        found += self._described(columns - self._places.columns(found, self.whitening))
-        return self._named(self._each('in_gauge', found))
+    def described(self, columns: Floats) -> tuple[BaseParameters, Floats]:
+        """Return the BaseParameters in the gauge that describe columns (m, N, 3) best, NaN where untouched, and
+        `residual` of these."""
+        left, found = np.array(self.whitening.apply(columns), dtype=float), np.zeros((12 * self.n, len(columns)))
+        for _ in range(2):
+            more = self._described(left)
+            found += more
+            left -= self._places.columns(more, self.whitening)
+        return self._named(self._each('in_gauge', found)), left
 
     def continued(self, columns: Floats, table_position: Ints, ball: Ints) -> Floats:
         """Return what the base parameters that describe columns (m, N, 3) best make of other readings, (m, S, 3).

@@ -216,7 +216,7 @@ class JointSpace:
         """Return what displacements (m, N, 3), m, do to the curves, (m, n, 6), where all parameters are fitted anew.
 
         The nonlinear ones follow to first order, by their tangents."""
-        out = self.space.parameters(rows).curves
+        out = self.space.described(rows)[0].curves
         if len(self.every):
             amplitude = self.space.residual(rows).reshape(len(rows), -1) @ self._solve_every.T
             out = out - np.tensordot(amplitude, self._bias.curves, axes=1)
@@ -225,7 +225,7 @@ class JointSpace:
     @cached_property
     def _bias(self) -> BaseParameters:
         """What effects and tangents would do to the base parameters, were they not in the model."""
-        return self.space.parameters(self.every)
+        return self.space.described(self.every)[0]
 
     def share(self, part: Callable[[BaseParameters], Floats]) -> Floats:
         """Return the effects' share in the variances of a part (m, n, c) of the base parameters, (n, c) or (1, 1)."""
@@ -336,7 +336,7 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
         y = places - offset
         perp = space.residual(y[None])[0]
         amplitude = linear.amplitudes(perp)
-        base = space.parameters((y - np.tensordot(amplitude, columns, axes=1))[None])
+        base = space.described((y - np.tensordot(amplitude, columns, axes=1))[None])[0]
         if beyond is not None:
             found = offset
         elif is_linear:

@@ -81,7 +81,7 @@ def is_negligible(space: BaseSpace, terms: Floats, rms: float) -> bool:
     if np.abs(terms).max() <= NEGLIGIBLE:
         return True
     left = space.whitening.inverse(space.residual(terms[None]))
-    curves = np.abs(space.parameters(terms[None]).curves[0]).max(axis=0) * np.repeat([1.0, space.lever], 3)
+    curves = np.abs(space.described(terms[None])[0].curves[0]).max(axis=0) * np.repeat([1.0, space.lever], 3)
     return bool(max(np.abs(left).max(), curves.max()) <= max(NEGLIGIBLE, SHARE * rms))
 
 

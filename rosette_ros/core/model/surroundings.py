@@ -180,19 +180,19 @@ def surrounded(fit: Fit, environment: Environment) -> Surrounded:
     own = space.residual(joint.every).reshape(len(joint.every), 3 * run.size)
     blocks = list(_blocks(fit, environment, own))
     rows = np.concatenate([own, *(one.rows for one in blocks)]) / sigma
-    bias = space.parameters(joint.every).curves.reshape(-1, size) if len(own) else np.zeros((0, size))
+    bias = space.described(joint.every)[0].curves.reshape(-1, size) if len(own) else np.zeros((0, size))
     moved = np.concatenate([bias, *(one.curves for one in blocks)])
-    left = space.residual(places).reshape(-1) / sigma
+    found, left = space.described(places / sigma)
     spread, hidden = _claims(fit), np.concatenate([np.zeros(0), *(one.spread for one in blocks)])
     for _ in range(2):
         scale = np.concatenate([spread, hidden])
-        told, carried = _posterior(scale[:, None] * rows, left, scale[:, None] * moved)
-        found = np.abs(scale * told)[:len(own)]
-        if np.all(found <= spread):
+        told, carried = _posterior(scale[:, None] * rows, left.ravel(), scale[:, None] * moved)
+        wider = np.maximum(spread, np.abs(scale * told)[:len(own)])
+        if np.array_equal(wider, spread):
             break
-        spread = np.maximum(spread, found)
+        spread = wider
     carried = scale[:, None] * carried
-    values = space.parameters(places).curves[0] - ((rows @ left) @ carried).reshape(run.n, 6)
+    values = sigma * found.curves[0] - ((rows @ left.ravel()) @ carried).reshape(run.n, 6)
     variance = fit.weighted_sigma**2 * space.curve_cofactor() + np.maximum(
         np.sum(moved * carried, axis=0), 0).reshape(run.n, 6)
     return Surrounded(
@@ -252,7 +252,8 @@ def _blocks(fit: Fit, environment: Environment, own: Floats) -> Iterator[_Effect
     least = NEGLIGIBLE * np.maximum(fit.error_motions.u**2, 1e-300)
     for name, several in _effects(run, environment, {term.name for term in fit.model.terms}):
         columns = np.concatenate([one.reshape(-1, run.size, 3) for one in several.columns])
-        rows = space.residual(columns).reshape(len(columns), -1)
+        found, rows = space.described(columns)
+        rows = rows.reshape(len(columns), -1)
         rows[np.linalg.norm(rows, axis=1) < HIDDEN * np.linalg.norm(columns, axis=(1, 2))] = 0
         seen, begin, looked = (rows - (rows @ basis.T) @ basis) / noise, 0, []
         for one in several.columns:
@@ -260,10 +261,9 @@ def _blocks(fit: Fit, environment: Environment, own: Floats) -> Iterator[_Effect
             looked.append((part @ np.swapaxes(part, 1, 2), part @ left))
             begin += one.shape[0] * one.shape[1]
         there, spread = several.judged(looked)
-        curves = space.parameters(columns).curves
-        keep = np.max((spread[:, None, None] * curves)**2 / least, axis=(1, 2)) > 1
+        keep = np.max((spread[:, None, None] * found.curves)**2 / least, axis=(1, 2)) > 1
         if np.any(keep):
-            yield _EffectBlock(name, there, spread[keep], rows[keep], curves[keep].reshape(-1, 6 * run.n))
+            yield _EffectBlock(name, there, spread[keep], rows[keep], found.curves[keep].reshape(-1, 6 * run.n))
 
 
 class _Several(NamedTuple):

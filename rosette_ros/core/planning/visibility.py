@@ -142,7 +142,7 @@ def _bias(run: Run, effect: Effect, settings: Sequence[Setting], space: BaseSpac
     """Return the largest change of each curve, (6,), by a column of unit size."""
     columns = np.concatenate([np.moveaxis(effect.columns(run, setting), -1, 0) for setting in settings])
     columns = _of_unit_size(columns)
-    return np.abs(space.parameters(columns).curves).max(axis=(0, 1)) if len(columns) else np.zeros(6)
+    return np.abs(space.described(columns)[0].curves).max(axis=(0, 1)) if len(columns) else np.zeros(6)
 
 
 def _visible_part(run: Run, effect: Effect, setting: Setting, space: BaseSpace) -> tuple[float, Floats]:
