@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-WRITTEN = re.compile('<!-- table .*<!-- end of the table -->', re.DOTALL)
+WRITTEN = re.compile('<!-- table .*?<!-- end of the table -->', re.DOTALL)
 """Tables that a command writes into a page are no reading."""
 
 

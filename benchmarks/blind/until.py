@@ -29,6 +29,7 @@ from benchmarks.blind.answers import Record
 from benchmarks.blind.runs import CHECK, SIGMA, Plan, scaled, situation, state_repeatability
 from benchmarks.blind.trial import NotShown
 from rosette_ros.analysis import analyse
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.planning.block_ways import NEXT
 from rosette_ros.core.planning.next_readings import NextReadings, next_readings, standing
@@ -41,8 +42,8 @@ from rosette_ros.simulation.hidden_kinds import NAMED
 MOST = 2
 """Runs of n * n readings after which it is given up."""
 STRONG = 9.0, 12.0
-HEAD = ('| machines | blocks | number | settled | wrong then | no block helps | readings, median | beyond the common '
-        'begin | h, median of settled |\n|---|---|---|---|---|---|---|---|---|')
+HEAD = ('| machines | blocks | number | settled | wrong name then | not all named | no block helps | readings, median '
+        '| beyond the common begin | h, median of settled |\n|---|---|---|---|---|---|---|---|---|---|')
 KIND = tuple(name for name in NAMED if name != 'outlier')
 
 
@@ -245,12 +246,13 @@ def table(records: Sequence[Record]) -> str:
             beyond = [one['readings'] - one['begin'] if is_known else np.inf for one, is_known in zip(each, known)]
             medians.append((float(np.median(size)), float(np.median(beyond or [np.nan]))))
             settled = [one for one in each if one['settled']]
-            wrong, hopeless = len(settled) - sum(known), sum(one['hopeless'] for one in each)
+            wrong = sum(bool(set(one['said']) & EFFECTS.keys() - set(one['kinds'])) for one in settled)
+            fewer, hopeless = len(settled) - sum(known) - wrong, sum(one['hopeless'] for one in each)
             hours = float(np.median([one['hours'] for one in settled] or [np.nan]))
-            rows.append(f'| {what} | {way} | {len(each)} | {len(settled)} | {wrong} | {hopeless} '
+            rows.append(f'| {what} | {way} | {len(each)} | {len(settled)} | {wrong} | {fewer} | {hopeless} '
                         f'| {medians[-1][0]:.0f} | {medians[-1][1]:.0f} | {hours:.2f} |')
         (one, more), (other, others) = medians
-        rows.append(f'| | ratio | | | | | {one / other:.2f} | {more / others if others else np.nan:.2f} | |')
+        rows.append(f'| | ratio | | | | | | {one / other:.2f} | {more / others if others else np.nan:.2f} | |')
     slowest = max((one['seconds'] for one in every['chosen'].values()), default=0.0)
     said = f'A block, the diagnosis before it included, took {slowest:.1f} s of a processor at most.'
     return '\n'.join([*rows, '', said])
