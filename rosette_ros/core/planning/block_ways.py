@@ -45,14 +45,13 @@ class BlockWay:
                       wait=wait)
 
     def every(self, run: Run) -> Scheme:
-        """Return the readings of all balls of the plate at all stops, from stop to stop others where not all are looked
-        at; at CMM positions that the run has used: others leave gaps, in which the CMM's last move is not known."""
-        balls, stop = np.array(run.balls), np.arange(self.position.size)
-        count = min(balls.size, max(LOOKED // stop.size, 1))
-        looked = np.linspace(0, balls.size, count, endpoint=False).round().astype(int)
-        ball, stop = balls[(looked + stop[:, None]) % balls.size].ravel(), np.repeat(stop, count)
-        seen = np.isin((self.position[stop] + ball - 2) % run.n + 1, run.cmm_position)
-        return self.scheme(run, stop[seen], ball[seen])
+        """Return the readings at all stops of the balls that are at CMM positions that the run has used, from stop to
+        stop others where not all are looked at: at others are gaps, in which the CMM's last move is not known."""
+        balls, most = np.array(run.balls), max(LOOKED // self.position.size, 1)
+        seen = [balls[np.isin((at + balls - 2) % run.n + 1, run.cmm_position)] for at in self.position]
+        ball = [np.roll(own, -k)[np.linspace(0, own.size, min(own.size, most), endpoint=False).round().astype(int)]
+                for k, own in enumerate(seen)]
+        return self.scheme(run, np.repeat(np.arange(len(ball)), list(map(len, ball))), np.concatenate(ball))
 
 
 def ways(run: Run, stops: Sequence[int] = STOPS) -> Iterator[BlockWay]:
