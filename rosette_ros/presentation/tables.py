@@ -13,7 +13,7 @@ import numpy as np
 from rosette_ros.analysis import LadderStep, Summary
 from rosette_ros.core.diagnosis.candidates import Candidate
 from rosette_ros.core.diagnosis.comparison import DRAWS, Comparison
-from rosette_ros.core.diagnosis.second_run import CONFIRMED, CrossCheck
+from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
@@ -358,7 +358,7 @@ def cross_check(check: CrossCheck) -> Table:
     """Return what another run says of the effects that were learnt on a first one."""
     return fields_table(
         'cross_check', 'Effects checked on the other run', CHECKED, check.effects,
-        ['' if one.outcome == CONFIRMED else Level.DOUBTFUL for one in check.effects],
+        ['' if one.outcome == 'confirmed' else Level.DOUBTFUL for one in check.effects],
         note=f'All together: {text.CROSS_VALIDATION} '
              f'{text.before_after(check.cross_validation_before, check.cross_validation_after)} µm; with the '
              f'amplitudes of the first run and nothing fitted: {text.micro(check.cross_validation_carried)} µm.')

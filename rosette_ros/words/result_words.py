@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.diagnosis.comparison import Comparison
-from rosette_ros.core.diagnosis.second_run import CONFIRMED, NOT_SEEN, CheckedEffect, CrossCheck
+from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, noise_facts
 from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.sharing import ITEMS
@@ -65,7 +65,7 @@ def comparison_words(comparison: Comparison) -> str:
 def check_words(check: CrossCheck) -> str:
     """Return what the second run confirms, and how its residual changes."""
     parts = list(map(_checked, check.effects))
-    if any(one.outcome == CONFIRMED for one in check.effects):
+    if any(one.outcome == 'confirmed' for one in check.effects):
         parts.append(f'The residual standard deviation of this run falls from {micrometres(check.before.rms)} to '
                      f'{micrometres(check.after.rms)}.')
     if check.carried is not None:
@@ -78,7 +78,8 @@ def check_words(check: CrossCheck) -> str:
 
 def _checked(one: CheckedEffect) -> str:
     title = capital(title_of(one.name))
-    if one.outcome == CONFIRMED:
+    if one.outcome == 'confirmed':
         size = {True: ', with the same size', False: ', with another size', None: ''}[one.same_size]
         return f'{title} is confirmed{size}.'
-    return f'{title} {"is not seen" if one.outcome == NOT_SEEN else "cannot be checked"}: {one.reason}.'
+    said = 'is not seen' if one.outcome == 'not seen' else 'cannot be checked'
+    return f'{title} {said}: {one.reason}.'

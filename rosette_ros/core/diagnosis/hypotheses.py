@@ -33,8 +33,6 @@ COARSE, FINE = 5e-3, 0.3
 """Share of its bracket to which a parameter is refined, at most and times the square root of what it is worth."""
 ENOUGH = 0.1
 """Log evidence by which an exchange has to be better for another one to be tried."""
-GOLDEN, ROOT_EPSILON = (3 - math.sqrt(5)) / 2, math.sqrt(2.2e-16)
-"""The golden section, and the accuracy with which a minimum can be known."""
 
 _evidence = attrgetter('log_evidence')
 Looked = tuple[float, tuple[Place, ...]]
@@ -331,12 +329,12 @@ def minimum(loss: Callable[[float], float], bracket: tuple[float, float], tolera
 
     most: calls of the function. Parabolas through the three best places; where these do not close in, golden section.
     R. P. Brent, Algorithms for Minimization without Derivatives (1973), chapter 5."""
-    low, high = bracket
-    best = second = third = low + GOLDEN * (high - low)
+    (low, high), golden, root_epsilon = bracket, (3 - math.sqrt(5)) / 2, math.sqrt(2.2e-16)
+    best = second = third = low + golden * (high - low)
     worth = worth_second = worth_third = loss(best)
     step = before = 0.0
     for _ in range(most - 1):
-        least = ROOT_EPSILON * abs(best) + tolerance / 3
+        least = root_epsilon * abs(best) + tolerance / 3
         if abs(best - (low + high) / 2) <= 2 * least - (high - low) / 2:
             break
         r, q = (best - second) * (worth - worth_third), (best - third) * (worth - worth_second)
@@ -348,7 +346,7 @@ def minimum(loss: Callable[[float], float], bracket: tuple[float, float], tolera
                 step = least if best <= (low + high) / 2 else -least
         else:
             before = (low if best >= (low + high) / 2 else high) - best
-            step = GOLDEN * before
+            step = golden * before
         place = best + math.copysign(max(abs(step), least), step)
         value = loss(place)
         if value <= worth:

@@ -9,6 +9,7 @@ taken from A as they are, which asks for everything at once.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import scipy  # which loads its parts where they are used
@@ -30,16 +31,15 @@ Learnt = tuple[Effect, FittedEffect]
 """An effect and how it was fitted to run A."""
 SAME_READING, SAME_SHARE = 1e-9, 0.9
 """Readings that differ by less, m, are the same; runs are the same of which so large a share is."""
-CONFIRMED, NOT_SEEN, HIDDEN, TOO_WEAK, EVENT, NOT_JUDGED = (
-    'confirmed', 'not seen', 'hidden', 'too weak', 'event', 'not judged')
+CheckOutcome = Literal['confirmed', 'not seen', 'hidden', 'too weak', 'event', 'not judged']
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedEffect:
     """One effect of run A on run B.
 
-    carries: as of Effect; outcome: CONFIRMED, NOT_SEEN, HIDDEN (by B's order), TOO_WEAK (the size learnt on A would not
-    show in B), EVENT (nothing that comes again) or NOT_JUDGED; reason: in words; visible_fraction: in B; p: probability
+    carries: as of Effect; outcome: confirmed, not seen, hidden (by B's order), too weak (the size learnt on A would not
+    show in B), event (nothing that comes again) or not judged; reason: in words; visible_fraction: in B; p: probability
     that noise in B does as well; rms and error of the cross-validation in B without and with it, m, all other checked
     effects being there; learnt, found: its parameters in A and B; same_size: whether the amplitudes agree within their
     uncertainties, None where they need not.
@@ -48,7 +48,7 @@ class CheckedEffect:
     name: str
     setting: Setting
     carries: str
-    outcome: str
+    outcome: CheckOutcome
     reason: str
     visible_fraction: float = float('nan')
     p: float = float('nan')
@@ -108,21 +108,21 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     effects = tuple(next(judged) if words is None else
                     CheckedEffect(effect.name, fitted.setting, effect.carries, *words, learnt=fitted.parameters)
                     for (effect, fitted), words in zip(learnt, refused))
-    outcomes = [entry.outcome for entry in effects if entry.outcome in (CONFIRMED, NOT_SEEN)]
-    confirmed = all(outcome == CONFIRMED for outcome in outcomes) if outcomes else None
+    outcomes = [entry.outcome for entry in effects if entry.outcome in ('confirmed', 'not seen')]
+    confirmed = all(outcome == 'confirmed' for outcome in outcomes) if outcomes else None
     return CrossCheck(before, after, carried, error, error_with,
                       cross_validation_rms(carried) if carried else float('nan'),
                       effects, confirmed)
 
 
-def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[str, str] | None:
+def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[CheckOutcome, str] | None:
     if effect.carries == 'nothing':
-        return EVENT, 'an event of the first run, which need not happen again'
+        return 'event', 'an event of the first run, which need not happen again'
     reason = effect.unavailable(before.run)
     if reason:
-        return NOT_JUDGED, reason
+        return 'not judged', reason
     if not _visible_share(effect, fitted.setting, before) >= HIDDEN_SHARE:
-        return HIDDEN, 'it is not observable in this order of measurement'
+        return 'hidden', 'it is not observable in this order of measurement'
     return None
 
 
@@ -160,15 +160,16 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
         found = after.effects[len(before.effects) + place]
         moved = after.joint.space.residual(_displacement(before.run, effect, fitted)[None])
         strength = float(np.linalg.norm(moved)) / after.sigma
-        outcome, reason = CONFIRMED, 'it is there'
+        outcome: CheckOutcome = 'confirmed'
+        reason = 'it is there'
         if not (p < UNLIKELY / len(pairs) and error_with < error_without):
-            outcome = NOT_SEEN
+            outcome = 'not seen'
             reason = ('the cross-validation residual does not fall with it' if not error_with < error_without else
                       f'the residual falls with it by no more than chance (p = {p:.2g})')
             if strength < DETECTABLE:
-                outcome, reason = TOO_WEAK, (f'at the size learnt it stands {strength:.1f} sigma above the noise here, '
-                                             'too little to be decided')
-        same = _same_size(fitted, found) if effect.carries == 'all' and outcome == CONFIRMED else None
+                outcome = 'too weak'
+                reason = f'at the size learnt it is {strength:.1f} sigma above the noise here, too little to be decided'
+        same = _same_size(fitted, found) if effect.carries == 'all' and outcome == 'confirmed' else None
         share = _visible_share(effect, fitted.setting, before)
         out.append(CheckedEffect(effect.name, fitted.setting, effect.carries, outcome, reason, share, p, without.rms,
                                  after.rms, error_without, error_with, fitted.parameters, found.parameters, same))
