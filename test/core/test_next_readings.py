@@ -192,18 +192,18 @@ def test_a_block_for_u_is_where_it_falls_most():
     sigma = best_fit(search_of(run, Model())).sigma
     variance = DenseSpace(continued(run, found.targets, USUAL_PACE), run.radius).curve_cofactor()
     worst = np.max(variance * np.repeat([1.0, run.radius], 3)**2)
-    assert found.expected_uncertainty == pytest.approx(2 * sigma * np.sqrt(worst), rel=1e-3)
-    assert found.expected_uncertainty < before.uncertainty
+    assert before.uncertainty > found.expected_uncertainty == pytest.approx(2 * sigma * np.sqrt(worst), rel=1e-3)
     assert next_words(found)[1].startswith('6 readings (4 min) are expected to lower U from ')
 
 
 def test_what_no_reading_tells_apart_is_said_at_once(monkeypatch):
-    """Two explanations that predict the same of all readings of the cell: no block, and a sentence that says so."""
+    """Two explanations that predict the same of all readings: a sentence says so; no block but for U, if wanted."""
     run = warming()
     same = members('frame_drift_curved', axes='xyz')
     monkeypatch.setattr('rosette_ros.core.planning.next_readings.members_of', lambda posterior, names: same)
     found = next_readings(run)
     assert found.is_hopeless and found.targets is None
+    assert next_words(next_readings(run, uncertainty=0.0))[1].startswith('12 readings (8 min) are expected to lower U')
     assert hopeless_words(found) == ('no reading of this cell separates non-linear probe drift from warm-up '
                                      'of the machine, not even as many again')
 

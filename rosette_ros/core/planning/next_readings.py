@@ -53,10 +53,8 @@ from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.touches import USUAL_PACE, Pace
 
-BLOCK = 12
-"""Readings of a block unless another number is asked for."""
-UNTIL = 0.95
-"""Probability from which on an explanation is settled unless another one is asked for."""
+BLOCK, UNTIL = 12, 0.95
+"""Readings of a block, and probability from which on an explanation is settled, unless others are asked for."""
 MOST = 10
 """Explanations that a block is chosen by."""
 NOTICED = 1e-9
@@ -128,9 +126,11 @@ def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, p
     if found.is_settled:
         return found
     search = search_of(run, model or Model())
-    if found.separates is None:
-        return _lowering(search, found, readings, pace, refused)
-    return _parting(search, found, readings, pace, until, refused)
+    parting = _parting(search, found, readings, pace, until, refused) if found.separates else None
+    if parting and (parting.targets or uncertainty is None or found.uncertainty <= uncertainty):
+        return parting
+    lowering = _lowering(search, replace(found, separates=None), readings, pace, refused)
+    return parting if parting and lowering.is_hopeless else lowering
 
 
 def standing(run: Run, model: Model | None = None, until: float = UNTIL,
