@@ -333,7 +333,7 @@ class RunSearch:
 
     @cached_property
     def _of_tail(self) -> frozenset[int]:
-        """The places of the wrong readings that do not stand out of the tail that all readings have."""
+        """The places of the wrong readings that do not stand out of the tail that the other readings have."""
         members = self.chosen.members
         readings = {place: one.setting.whole('reading') - 1 for place, one in enumerate(members)
                     if 'reading' in one.setting}

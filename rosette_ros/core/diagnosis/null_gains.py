@@ -59,17 +59,16 @@ def p_of(gain: float, null: Floats) -> float:
 
 
 def p_of_tail(own: Floats, others: Floats) -> float:
-    """Return the probability that the farthest of all readings is as far off as one, by the tail that all have.
+    """Return the probability that the farthest of all readings is as far off as one, by the tail that the others have.
 
     own, others: residuals (3,), (m, 3). The tail is Student's, of readings or of coordinates, whichever makes it
     likelier; its degrees of freedom are averaged by their likelihood, NOT_WHITE shared out over finite ones."""
-    square = np.concatenate([own[None], others])**2
-    return max(_p_of_student(float(own @ own), np.sum(square, axis=1), 3),
-               _p_of_student(float(np.max(own**2)), square.reshape(-1), 1))
+    return max(_p_of_student(float(own @ own), np.sum(others**2, axis=1), 3),
+               _p_of_student(float(np.max(own**2)), others.reshape(-1)**2, 1))
 
 
 def _p_of_student(own: float, square: Floats, dim: int) -> float:
-    """Return it for a square of `dim` coordinates by Student's distribution, which all, (m,), have."""
+    """Return it for a square of `dim` coordinates by Student's distribution, which the others, (m,), have."""
     finite = DEGREES[DEGREES >= 3]
     degrees = np.append(finite, EXACT)
     prior = np.append(np.full(finite.size, NOT_WHITE / finite.size), 1 - NOT_WHITE)
@@ -82,7 +81,7 @@ def _p_of_student(own: float, square: Floats, dim: int) -> float:
         (half[:, None] + dim / 2) * np.log1p(square / (degrees * scale)[:, None]), axis=1) + np.log(prior)
     weight = np.exp(log_p - log_p.max())
     one = fdtrc(dim, degrees, own / (dim * scale))
-    return float(weight / weight.sum() @ -np.expm1(square.size * np.log1p(-np.minimum(one, 1 - 1e-12))))
+    return float(weight / weight.sum() @ -np.expm1((square.size + 1) * np.log1p(-np.minimum(one, 1 - 1e-12))))
 
 
 def is_coarse(fitted: Fit) -> bool:
