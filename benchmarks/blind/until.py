@@ -64,7 +64,7 @@ class Cell:
         self._factor = [float(np.linalg.norm(shift) / np.linalg.norm(_centred(run.centre - runs[0].centre)))
                         for run, (_, shift) in zip(runs[1:], shifts) if shift is not None]
         self._machines = [made.machine(), *(made.machine(one) for one in drawn)]
-        first = [machine.calibrate(_on(made.scheme, 0, fewest(clean))) for machine in self._machines]
+        first = [machine.calibrate(on(made.scheme, 0, fewest(clean))) for machine in self._machines]
         runs = [run for run, _, _ in first]
         self._frames, self._begin = [alignment.frame for _, alignment, _ in first], first[0][2].time[0]
         check = SIGMA * self._noise.standard_normal((CHECK, 3))
@@ -76,7 +76,7 @@ class Cell:
     def follow(self) -> None:
         """Measure what is next in the order, without end."""
         step = self.step
-        self.measure(_on(self.made.scheme, self._ordered, step))
+        self.measure(on(self.made.scheme, self._ordered, step))
         self._ordered += step
 
     @property
@@ -191,7 +191,7 @@ def _is_right(found: NextReadings, kinds: Sequence[str]) -> bool:
     return sorted(found.contenders[0].names) == sorted(kinds)
 
 
-def _on(scheme: Scheme, start: int, count: int) -> Scheme:
+def on(scheme: Scheme, start: int, count: int) -> Scheme:
     """Return the next readings of an order that is repeated without end."""
     at = (start + np.arange(count)) % scheme.ball.size
     return Scheme(scheme.n, NEXT, 0, scheme.table_position[at], scheme.ball[at], scheme.approach[at])

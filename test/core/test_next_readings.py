@@ -251,9 +251,9 @@ def test_ways_see_what_the_run_saw():
     run = synthetic_run(12, 'sensitive')[0]
     assert all(4 not in way.every(some).ball for some in [run.take(run.ball != 4)] for way in ways(some))
     some = run.take(np.isin(run.cmm_position, (1, 2, 5, 9)))
-    made = [way.every(some) for way in ways(some)]
-    assert all(np.isin(way.position, one.table_position).all() for way, one in zip(ways(some), made))
-    assert some.is_gapless and all(continued(some, one, USUAL_PACE).is_gapless for one in made)
+    for way, one in ((way, way.every(some)) for way in ways(some)):
+        assert set(way.position) == set(one.table_position) and {*one.cmm_position} <= {1, 2, 5, 9}
+        assert some.is_gapless and continued(some, one, USUAL_PACE).is_gapless
     begun = run.take(np.arange(20))  # a sweep that was not ended: from there the CMM goes where the block sends it
     assert all(np.isfinite(continued(begun, way.every(begun), USUAL_PACE).cmm_sense).all() for way in ways(begun))
 
