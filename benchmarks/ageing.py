@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import machine_config
 from rosette_ros.simulation.machine import Machine
 from rosette_ros.simulation.motion import MachineState

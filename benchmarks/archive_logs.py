@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rosette_ros.core.geometry import rotate_z
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.geometry import rotate_z
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.type_definitions import TypeLibrary
 

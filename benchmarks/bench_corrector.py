@@ -91,8 +91,8 @@ def send(out, kind, sent, angle):
 def main():
     """Print both."""
     from rosette_ros.analysis import analyse
-    from rosette_ros.core.correction import Correction
-    from rosette_ros.core.scheme import plan
+    from rosette_ros.core.run.scheme import plan
+    from rosette_ros.core.table.correction import Correction
     from rosette_ros.io.correction_file import format_correction
     from rosette_ros.simulation import Machine, MachineConfig
     motions = analyse(Machine(MachineConfig()).run(plan(12, 'diagonal'))).error_motions

@@ -10,11 +10,11 @@ Truth is that of the machine, in its own frame, freed of what no three-rosette r
 import numpy as np
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import CURVES, remove_gauge
-from rosette_ros.core.scheme import plan
-from rosette_ros.core.uncertainty_budget import budget
+from rosette_ros.core.run.records import CURVES, remove_gauge
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.uncertainty_budget import budget
 from rosette_ros.simulation import Machine, machine_config
 
 FORM = 0.25e-6

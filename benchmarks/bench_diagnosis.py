@@ -10,7 +10,7 @@ from rosette_ros.analysis import diagnose, judge
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import mean_radius, observed
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 
 SAMPLE = {12: 24, 36: 3, 72: 1}

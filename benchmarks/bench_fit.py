@@ -15,8 +15,8 @@ from rosette_ros.analysis import analyse
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 
 RADIUS = 0.1825
 MISSING = 0.1

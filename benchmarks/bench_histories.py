@@ -16,11 +16,11 @@ from benchmarks.ageing import years
 from rosette_ros.analysis import analyse
 from rosette_ros.archive.run_row import evaluation_row, heading
 from rosette_ros.archive.table_history import history_of
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.geometry import TWO_PI, rotate_z
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.trend import harmonics
+from rosette_ros.core.run.geometry import TWO_PI, rotate_z
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.table.trend import harmonics
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
 from rosette_ros.io.identity_file import Identity
 
 HISTORIES = int(os.environ.get('HISTORIES', '20'))

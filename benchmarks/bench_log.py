@@ -18,9 +18,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from rosette_ros.core.geometry import Floats
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.geometry import Floats
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import BALL_CENTRE
 from rosette_ros.io.run_to_log import write_log

@@ -3,7 +3,7 @@
 
     python -m benchmarks.design_orders 12 24 72 [--seed 1] [--steps 4000] [--heat 0.05]
 
-Writes the tables in rosette_ros/core/sensitive_order.py. Up to ten balls the order is designed
+Writes the tables in rosette_ros/core/run/interleaved_order.py. Up to ten balls the order is designed
 reading by reading after the sweeps, beyond that by sweeps alone; benchmarks/order_cost.py says what counts.
 """
 
@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.order_cost import Judge, Order
-from rosette_ros.core import sensitive_order
-from rosette_ros.core.sensitive_order import DIGITS, WIDEST_GAP, Sweeps, order_from_text, shortest_way
+from rosette_ros.core.run import interleaved_order as sensitive_order
+from rosette_ros.core.run.interleaved_order import DIGITS, WIDEST_GAP, Sweeps, order_from_text, shortest_way
 
 MODULE = Path(sensitive_order.__file__)
 TABLES = {'READINGS': sensitive_order.READINGS, 'SWEEPS': sensitive_order.SWEEPS}

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 
-from rosette_ros.core.geometry import TWO_PI, nominal_angles
-from rosette_ros.core.scheme import travel_sense
+from rosette_ros.core.run.geometry import TWO_PI, nominal_angles
+from rosette_ros.core.run.scheme import travel_sense
 
 SETTLING = np.array([0.1, 0.2, 0.5])
 """Time constants of warming up, in durations of the run."""

@@ -9,9 +9,9 @@ import argparse
 import numpy as np
 
 from benchmarks.order_cost import Judge, Order, Pace, journey
-from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.sight.visibility import visibility
 
 COLUMNS = (('row', 'forward'), ('diagonal', 'forward'), ('diagonal', 'alternate'),
            ('column', 'forward'), ('random', 'forward'), ('random', 'alternate'),

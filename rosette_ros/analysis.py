@@ -13,8 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.axes import refuse_other_axes
-from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
@@ -23,19 +21,21 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, f
 from rosette_ros.core.diagnosis.effect_settings import choose_settings, families_of_terms
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
-from rosette_ros.core.model.surroundings import unseen
 from rosette_ros.core.planning.advice import Advice, advise, advise_run
 from rosette_ros.core.planning.next_readings import NextReadings as NextReadings
 from rosette_ros.core.planning.next_readings import next_readings as next_readings
-from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.core.records import ErrorMotions, Floats, Run
-from rosette_ros.core.sphere_refit import SphereRefit
-from rosette_ros.core.stated_environment import Environment
-from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.core.run.axes import refuse_other_axes
+from rosette_ros.core.run.records import ErrorMotions, Floats, Run
+from rosette_ros.core.run.sphere_refit import SphereRefit
+from rosette_ros.core.sight.visibility import Visibility, visibility
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of, fit_lines
+from rosette_ros.core.uncertainty.hidden_effects import unseen
+from rosette_ros.core.uncertainty.stated_environment import Environment
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget, budget, touch_scatter
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
 """Parts of a summary in the order in which they are calculated."""

@@ -18,10 +18,10 @@ from nicegui.page import page as page_of
 from rosette_ros.analysis import Verdict, analyse, diagnose, judge, summarise
 from rosette_ros.cli.main import main
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
-from rosette_ros.core.error_summary import fit_lines
-from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.records import SI_UNITS
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import SI_UNITS
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.uncertainty.error_summary import fit_lines
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.open_run import open_run
 from rosette_ros.nodes.conversions import diagnosis_message

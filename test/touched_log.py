@@ -7,7 +7,7 @@ from functools import cache
 from rclpy.serialization import serialize_message
 from rosette_msgs.msg import BallCentre
 
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import whole_log
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, Target

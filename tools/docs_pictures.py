@@ -12,15 +12,15 @@ import numpy as np
 from playwright.sync_api import sync_playwright
 
 from rosette_ros.analysis import analyse, summarise
-from rosette_ros.core.budget_monte_carlo import monte_carlo
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.plan_comparison import outlook
-from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import places_in_use, plan
-from rosette_ros.core.sphere_refit import TouchedBalls, refit_spheres
-from rosette_ros.core.uncertainty_budget import budget, touch_scatter
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import places_in_use, plan
+from rosette_ros.core.run.sphere_refit import TouchedBalls, refit_spheres
+from rosette_ros.core.sight.visibility import visibility
+from rosette_ros.core.uncertainty.budget_monte_carlo import monte_carlo
+from rosette_ros.core.uncertainty.uncertainty_budget import budget, touch_scatter
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.text_file import write_text

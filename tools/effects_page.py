@@ -4,13 +4,13 @@
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 
-from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.planning.advice import VARIANTS, planned_run
-from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.axes import axis_rotation
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.sight.visibility import visibility
 
 BALLS, RADIUS, SHOWN = 12, 0.1825, 30
 IN_BOTH = {order for order, turning in VARIANTS if turning != 'forward'}

@@ -11,7 +11,7 @@ from benchmarks.blind.cause import BODIES, Names, Variables
 from benchmarks.blind.library import statement
 from benchmarks.blind.runs import SIGMA, visible_part
 from rosette_ros.core.effects.free import variables
-from rosette_ros.core.records import ErrorMotions, Floats, Run, remove_gauge
+from rosette_ros.core.run.records import ErrorMotions, Floats, Run, remove_gauge
 from rosette_ros.presentation.json_output import levels_json
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 

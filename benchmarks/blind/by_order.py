@@ -23,11 +23,11 @@ from benchmarks.blind.answers import Record
 from benchmarks.blind.runs import true_curves
 from rosette_ros.analysis import explanations_of, find
 from rosette_ros.cli.hidden_demo import SIZES
-from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.records import ErrorMotions, Floats, Run, remove_gauge
-from rosette_ros.core.scheme import BACK, COMPLETE_ORDERS, plan
-from rosette_ros.core.stated_environment import Environment, Size
-from rosette_ros.core.uncertainty_budget import budget
+from rosette_ros.core.run.records import ErrorMotions, Floats, Run, remove_gauge
+from rosette_ros.core.run.scheme import BACK, COMPLETE_ORDERS, plan
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.stated_environment import Environment, Size
+from rosette_ros.core.uncertainty.uncertainty_budget import budget
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden_kinds import NAMED, HiddenDraw
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.simulation.hidden_effect import Draw
 from rosette_ros.simulation.motion import Moment
 

@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 
 from benchmarks.blind.cause import CLIMATE, DRIFTS, Cause, Vector, place, said, since, total_turned, turned_share
-from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.run.geometry import TWO_PI
+from rosette_ros.core.run.records import Floats, Ints, Run
 from rosette_ros.simulation.hidden_effect import UM, Draw, along
 from rosette_ros.simulation.motion import Moment
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from benchmarks.blind.by_order import ORDERS, environment, run_of
 from rosette_ros.analysis import analyse
-from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.error_summary import Conformity, peak_to_valley
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.uncertainty_budget import budget
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.error_summary import Conformity, peak_to_valley
+from rosette_ros.core.uncertainty.uncertainty_budget import budget
 
 Decision = tuple[str, float, Conformity]
 """Order; how far the limit is above the true range, in U; what is decided."""

@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from rosette_ros.core.geometry import nominal_angles, rotate_z
-from rosette_ros.core.records import Floats, Ints
+from rosette_ros.core.run.geometry import nominal_angles, rotate_z
+from rosette_ros.core.run.records import Floats, Ints
 
 Generator = np.random.Generator
 

@@ -7,7 +7,7 @@ from itertools import permutations
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, State
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.records import Run
 
 SETTLED = 1e-3
 """Log evidence by which the members of the truth have to gain for them to be refined in turn once more."""

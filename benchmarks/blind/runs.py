@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind.noise_kinds import Generator, Noise, Readings, draw_noise
-from rosette_ros.core.geometry import nominal_angles, radial, rotate_z
-from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import COMPLETE_ORDERS, Scheme, nominal_places, plan
+from rosette_ros.core.run.geometry import nominal_angles, radial, rotate_z
+from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.scheme import COMPLETE_ORDERS, Scheme, nominal_places, plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden_effect import Situation, acting
 

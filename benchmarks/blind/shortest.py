@@ -16,8 +16,8 @@ import numpy as np
 from benchmarks.blind.runs import Plan
 from benchmarks.blind.until import Cell, on
 from rosette_ros.core.planning.next_readings import next_readings, standing
-from rosette_ros.core.reduced_sets import best_members, fewest_members
-from rosette_ros.core.scheme import Scheme, plan
+from rosette_ros.core.run.reduced_sets import best_members, fewest_members
+from rosette_ros.core.run.scheme import Scheme, plan
 
 
 class ShortestPlan(Plan):

@@ -27,7 +27,7 @@ from benchmarks.blind.cause import Cause, Names, Variables
 from benchmarks.blind.library import alike, statement
 from benchmarks.blind.noise_kinds import KINDS
 from benchmarks.blind.runs import CROSSED, FEWEST, ORDERS, Plan, noisy, scaled, situation, true_curves
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.simulation.hidden_effect import Draw
 from rosette_ros.simulation.hidden_kinds import KINDS as HIDDEN
 from rosette_ros.simulation.hidden_kinds import NAMED

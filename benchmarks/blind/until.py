@@ -30,11 +30,11 @@ from benchmarks.blind.runs import CHECK, SIGMA, Plan, scaled, situation, state_r
 from benchmarks.blind.trial import NotShown
 from rosette_ros.analysis import analyse
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.planning.block_ways import NEXT
 from rosette_ros.core.planning.next_readings import NextReadings, next_readings, standing
-from rosette_ros.core.records import Floats, Run
-from rosette_ros.core.scheme import Scheme, Way
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import Floats, Run
+from rosette_ros.core.run.scheme import Scheme, Way
 from rosette_ros.simulation.hidden_effect import Draw
 from rosette_ros.simulation.hidden_kinds import KINDS as HIDDEN
 from rosette_ros.simulation.hidden_kinds import NAMED

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')

@@ -10,11 +10,11 @@ from rosette_ros.archive.run_adding import FoundLog, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import History, read_history
 from rosette_ros.core.diagnosis.verdict import CERTAIN
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.model.model import Model, Term
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast
+from rosette_ros.core.run.errors import InvalidData, counted
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.table.trend import LEAST_RUNS, Event, Forecast
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 _CHANGES = ', '.join(

@@ -25,7 +25,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rosette_ros.archive.run_row import KEY, SCHEMA, table_of
-from rosette_ros.core.errors import InvalidData, counted
+from rosette_ros.core.run.errors import InvalidData, counted
 from rosette_ros.io.text_file import is_regular, path_of, read_limited, reading, write_bytes, write_text
 
 FORMAT = 'rosette-archive/1'

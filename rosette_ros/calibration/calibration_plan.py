@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.axes import words
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import Frame, nominal_angles
-from rosette_ros.core.records import Floats, Ints
-from rosette_ros.core.scheme import Scheme, cmm_position
+from rosette_ros.core.run.axes import words
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.geometry import Frame, nominal_angles
+from rosette_ros.core.run.records import Floats, Ints
+from rosette_ros.core.run.scheme import Scheme, cmm_position
 from rosette_ros.io.messages import TABLE_FRAME, Phase, Target
 from rosette_ros.io.plan_file import LONGEST_WAIT
 

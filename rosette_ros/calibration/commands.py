@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from rosette_ros.core.geometry import Frame
+from rosette_ros.core.run.geometry import Frame
 from rosette_ros.io.messages import Phase, Target
 
 

@@ -13,8 +13,8 @@ from rosette_ros.calibration import settings
 from rosette_ros.calibration.calibration_plan import CalibrationPlan, block_of
 from rosette_ros.calibration.settings import Value
 from rosette_ros.calibration.state_machine import SETTLING, Sequence
-from rosette_ros.core.errors import CellError, InvalidConfig, plain
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.run.errors import CellError, InvalidConfig, plain
+from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import EXTENDED, Phase, Target, answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 

@@ -14,10 +14,10 @@ import yaml
 
 from rosette_ros.calibration.calibration_plan import BLOCK, CalibrationPlan, block_of, plan_calibration
 from rosette_ros.calibration.commands import Limits, Until
-from rosette_ros.core.axes import taught_frame
-from rosette_ros.core.errors import InvalidConfig, InvalidPlan
 from rosette_ros.core.joint.readings import Plate
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, order_name, places_in_use, plan
+from rosette_ros.core.run.axes import taught_frame
+from rosette_ros.core.run.errors import InvalidConfig, InvalidPlan
+from rosette_ros.core.run.scheme import ORDERS, TURNINGS, Scheme, chosen_places, order_name, places_in_use, plan
 from rosette_ros.io.identity_file import format_identity, parse_identity, read_identity
 from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan, parse_plan, read_plan
 from rosette_ros.io.plate_file import format_plate, parse_plate, read_plate

@@ -28,10 +28,10 @@ from rosette_ros.calibration.commands import (
     Until,
     Verify,
 )
-from rosette_ros.core.axes import refuse_other_axis, refuse_other_sense
-from rosette_ros.core.errors import RosetteError, plain
-from rosette_ros.core.geometry import Frame, table_frame, wrap
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.run.axes import refuse_other_axis, refuse_other_sense
+from rosette_ros.core.run.errors import RosetteError, plain
+from rosette_ros.core.run.geometry import Frame, table_frame, wrap
+from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers

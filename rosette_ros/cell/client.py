@@ -28,8 +28,8 @@ from rosette_ros import command
 from rosette_ros.calibration.settings import NONE
 from rosette_ros.cell.supervisor import Cell, added_environment, check_messages
 from rosette_ros.core.diagnosis.verdict import VerdictText
-from rosette_ros.core.errors import CellError, plain
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.run.errors import CellError, plain
+from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals, make_executor

@@ -20,9 +20,9 @@ from rosette_ros.calibration.settings import LIMITS, PLANNED, changed_settings, 
 from rosette_ros.calibration.state_machine import complaint
 from rosette_ros.cell import client
 from rosette_ros.cell.client import CellClient
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.number_words import micrometres, significant
-from rosette_ros.core.touches import LEAST_TOUCHES, fit_spheres
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.number_words import micrometres, significant
+from rosette_ros.core.run.touches import LEAST_TOUCHES, fit_spheres
 from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
 from rosette_ros.io.reading_checks import Check, check_answers, temperature_words
 from rosette_ros.io.run_assembly import RunAnswers

@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from rosette_ros.core.errors import CellError, InvalidConfig
+from rosette_ros.core.run.errors import CellError, InvalidConfig
 from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.environment import check_environment

@@ -13,7 +13,7 @@ from lxml import etree
 from rosette_ros import __version__
 from rosette_ros.certificate.dcc import DCC, OWN, SI, Element, content_digest, document
 from rosette_ros.certificate.statements import Inputs, state
-from rosette_ros.core.errors import InvalidData, RosetteError, one_line
+from rosette_ros.core.run.errors import InvalidData, RosetteError, one_line
 from rosette_ros.io.identity_file import Identity, format_identity, parse_identity
 from rosette_ros.io.log_reader import find_files
 from rosette_ros.io.open_run import has_plate

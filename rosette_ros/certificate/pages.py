@@ -22,10 +22,10 @@ from reportlab.pdfbase.ttfonts import TTFont
 from reportlab.platypus import Flowable, KeepTogether, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle
 
 from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, CurveSet, Measured
-from rosette_ros.core.error_summary import Conformity
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.uncertainty.error_summary import Conformity
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES
 from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions

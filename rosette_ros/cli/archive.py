@@ -24,11 +24,11 @@ from rosette_ros.archive.table_history import History, TableTrend, read_history,
 from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, load, made_folder, whole
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.diagnosis.verdict import CERTAIN
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.errors import counted
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.stated_environment import CLASSES
-from rosette_ros.core.trend import Event
+from rosette_ros.core.run.errors import counted
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.table.trend import Event
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.io.budget_file import environment_of, format_environment, read_stated
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.model_file import read_model

@@ -15,9 +15,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from rosette_ros.core.errors import RosetteError
-from rosette_ros.core.number_words import ANGLES
-from rosette_ros.core.stated_environment import CLASSES
+from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.run.number_words import ANGLES
+from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.io.text_file import path_of, refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 

@@ -36,8 +36,8 @@ from rosette_ros.cli.arguments import (
     whole,
 )
 from rosette_ros.cli.console import console, print_checks, print_json, print_parts, print_verdict
-from rosette_ros.core.errors import CellError, InvalidConfig
-from rosette_ros.core.scheme import ORDERS
+from rosette_ros.core.run.errors import CellError, InvalidConfig
+from rosette_ros.core.run.scheme import ORDERS
 from rosette_ros.dme.dme_settings import sequencer_parameters
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress

@@ -14,7 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.records import Run
 from rosette_ros.presentation.formatting import (
     glued,
     missing_words,
@@ -26,9 +26,9 @@ from rosette_ros.presentation.formatting import (
 from rosette_ros.presentation.table_format import Column, Table, words
 
 if TYPE_CHECKING:  # plan and info start without the least squares
-    from rosette_ros.core.correction_check import CorrectionCheck
     from rosette_ros.core.diagnosis.verdict import VerdictText
     from rosette_ros.core.model.least_squares import Fit
+    from rosette_ros.core.table.correction_check import CorrectionCheck
     from rosette_ros.io.reading_checks import Check
     from rosette_ros.words.result_words import ConclusionText
 

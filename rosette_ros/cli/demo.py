@@ -24,14 +24,14 @@ from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
 from rosette_ros.cli.hidden_demo import MACHINE, MODEL, compare, demo_cell, section, shown, write_machine
 from rosette_ros.cli.report import print_result, verification_of
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.correction_check import check_correction
-from rosette_ros.core.error_summary import error_lines
-from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.scheme import order_name, plan
+from rosette_ros.core.run.errors import InvalidConfig
+from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.run.scheme import order_name, plan
+from rosette_ros.core.table.correction import Correction
+from rosette_ros.core.table.correction_check import check_correction
+from rosette_ros.core.uncertainty.error_summary import error_lines
 from rosette_ros.io.correction_file import format_correction
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import write_model

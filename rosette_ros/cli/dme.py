@@ -17,8 +17,8 @@ import yaml
 from rosette_ros import command
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, positive, whole
 from rosette_ros.cli.console import console, print_checks, print_json, print_parts
-from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
-from rosette_ros.core.geometry import rotate_z
+from rosette_ros.core.run.errors import CellError, InvalidPlan, RosetteError
+from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_plan import refuse_unsafe_plan
 from rosette_ros.dme.dme_server import HOST, TOOLS, ServeSettings, serving

@@ -17,11 +17,11 @@ from rosette_ros.core.diagnosis.verdict import MissingEffect, Verdict
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect, Quantity, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
-from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model, Term
 from rosette_ros.core.planning.advice import planned_run
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidModel, NotDeterminable
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.error_results import change_errors, curve_changes

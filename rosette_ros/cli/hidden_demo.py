@@ -35,13 +35,13 @@ from rosette_ros.cli.console import COLOURS, console, head, pairs, print_table, 
 from rosette_ros.cli.evaluate import invisible_effects, show_comparison, show_diagnosis
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
-from rosette_ros.core.errors import CellError, InvalidData
-from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.next_readings import BLOCK, standing
-from rosette_ros.core.records import Floats, Run, remove_gauge
-from rosette_ros.core.scheme import Scheme, plan
+from rosette_ros.core.run.errors import CellError, InvalidData
+from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.records import Floats, Run, remove_gauge
+from rosette_ros.core.run.scheme import Scheme, plan
 from rosette_ros.dme.dme_server import DmeServer, serving
 from rosette_ros.dme.dme_settings import client_settings
 from rosette_ros.io.log_reader import read_log

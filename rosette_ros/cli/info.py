@@ -11,8 +11,8 @@ from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
-from rosette_ros.core.errors import RosetteError
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.run.records import Run
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import NOTES_KEY, RESUMES_KEY, LogRun

@@ -25,8 +25,8 @@ from typing import Any, NoReturn, TypeAlias
 
 from rosette_ros import __version__
 from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs, load
-from rosette_ros.core.errors import RosetteError, one_line, unknown_name
-from rosette_ros.core.number_words import show_angles
+from rosette_ros.core.run.errors import RosetteError, one_line, unknown_name
+from rosette_ros.core.run.number_words import show_angles
 from rosette_ros.nodes.environment import check_middleware
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',

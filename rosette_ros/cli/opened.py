@@ -10,16 +10,16 @@ from rich.console import Console
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find, in_environment, stated_budget
 from rosette_ros.cli.arguments import UsageError
 from rosette_ros.cli.console import doing, head, print_verdict, warn
-from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.error_summary import refuted
 from rosette_ros.core.joint.joint_evaluation import JointResult, evaluate_jointly
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import ErrorMotions
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.error_summary import refuted
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.budget_file import budget_inputs, environment_of, read_stated
 from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.model_file import read_model

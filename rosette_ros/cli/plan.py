@@ -20,16 +20,16 @@ from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
 from rosette_ros.cli.console import console, doing, pairs, print_json, print_parts, warn
 from rosette_ros.cli.opened import Opened
-from rosette_ros.core import axes
 from rosette_ros.core.effects.library import effect
-from rosette_ros.core.errors import InvalidData, InvalidPlan
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
-from rosette_ros.core.scheme import ORDERS, TURNINGS, order_name, places_in_use, plan
-from rosette_ros.core.touches import TOUCHES, Pace
+from rosette_ros.core.run import axes
+from rosette_ros.core.run.errors import InvalidData, InvalidPlan
+from rosette_ros.core.run.scheme import ORDERS, TURNINGS, order_name, places_in_use, plan
+from rosette_ros.core.run.touches import TOUCHES, Pace
 from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate

@@ -14,15 +14,15 @@ from rosette_ros.analysis import stated_budget
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
-from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.budget_monte_carlo import MonteCarlo, monte_carlo
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.correction_check import backward_share, check_correction
 from rosette_ros.core.diagnosis.verdict import Level, Verdict
-from rosette_ros.core.error_summary import refuted
-from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.sight.visibility import visibility
+from rosette_ros.core.table.correction import Correction
+from rosette_ros.core.table.correction_check import backward_share, check_correction
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo, monte_carlo
+from rosette_ros.core.uncertainty.error_summary import refuted
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.controller_tables import OF_A_TURN, Axis, linuxcnc
 from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
 from rosette_ros.io.open_run import joint_identity

@@ -24,8 +24,8 @@ from rosette_ros.cell.client import GraphClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.arguments import add_shared, positive
 from rosette_ros.cli.console import console, print_table
-from rosette_ros.core.errors import CellError, InvalidData, plain
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.run.errors import CellError, InvalidData, plain
+from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.log_reader import LoggedMessage, iter_log, read_log
 from rosette_ros.io.log_run import BALL_CENTRE, PROBE_TARGET, LogRun

@@ -16,9 +16,9 @@ from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, doing, head, print_verdict
 from rosette_ros.cli.opened import add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.verdict import VerdictText
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import joint_identity

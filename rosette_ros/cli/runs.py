@@ -10,8 +10,8 @@ from rich.markup import escape
 from rosette_ros.cli.arguments import add_shared, load
 from rosette_ros.cli.console import console, doing, print_json, print_parts
 from rosette_ros.cli.info import broken_off, counts_of
-from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import RosetteError, counted
 from rosette_ros.io.log_reader import read_log, runs_in
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.presentation.table_format import Table, verdict_json, words

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rosette_ros.cli.arguments import add_shared, whole
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.io.log_reader import runs_in
 from rosette_ros.io.open_run import is_log
 from rosette_ros.studio.page import StudioOptions, is_loopback, serve

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.axes import words
-from rosette_ros.core.errors import CellError, RosetteError
-from rosette_ros.core.geometry import TWO_PI, Floats
-from rosette_ros.core.touches import fit_spheres
+from rosette_ros.core.run.axes import words
+from rosette_ros.core.run.errors import CellError, RosetteError
+from rosette_ros.core.run.geometry import TWO_PI, Floats
+from rosette_ros.core.run.touches import fit_spheres
 from rosette_ros.dme.dme_plan import PlannedBall, refuse_target
 from rosette_ros.dme.dme_session import CLAMPED, DmeSession, DmeStopped, SentCommand, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings

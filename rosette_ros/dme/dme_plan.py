@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rosette_ros.core.axes import ALONG, words
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import TWO_PI, Floats
+from rosette_ros.core.run.axes import ALONG, words
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.geometry import TWO_PI, Floats
 from rosette_ros.dme.dme_settings import DmeSettings
 from rosette_ros.dme.probe_path import ball_path, lifted, obstacles, refuse_unsafe
 from rosette_ros.dme.rotary_table import TableState, turning_steps

@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.records import Floats
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.records import Floats
 from rosette_ros.dme import wire
 from rosette_ros.dme.virtual_cmm import LIMITS, Refused, VirtualCmm
 from rosette_ros.dme.wire import Call, Value, Word, call

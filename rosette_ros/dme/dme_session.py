@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.dme import wire
 from rosette_ros.dme.dme_settings import TimeoutSettings
 

@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from rosette_ros.core.axes import taught_frame
-from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.core.geometry import TWO_PI, Floats, Frame, radial
-from rosette_ros.core.touches import TOUCHES, USUAL
+from rosette_ros.core.run.axes import taught_frame
+from rosette_ros.core.run.errors import InvalidConfig
+from rosette_ros.core.run.geometry import TWO_PI, Floats, Frame, radial
+from rosette_ros.core.run.touches import TOUCHES, USUAL
 from rosette_ros.dme.wire import PORT, NotDme, format_value
 from rosette_ros.io.safe_yaml import of_schema, read_yaml
 from rosette_ros.simulation import MachineConfig

@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.axes import axis_rotation, words
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import Bools, Floats
-from rosette_ros.core.touches import TOUCHES, circles_of, touch_directions
+from rosette_ros.core.run.axes import axis_rotation, words
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.geometry import Bools, Floats
+from rosette_ros.core.run.touches import TOUCHES, circles_of, touch_directions
 from rosette_ros.dme.dme_settings import DmeSettings
 
 _SHAFT_STEP = 1e-3  # a shaft is a row of spheres at this distance, m: 0.01 mm off at 12 mm

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.errors import CellError, InvalidPlan
+from rosette_ros.core.run.errors import CellError, InvalidPlan
 from rosette_ros.dme.dme_session import Data
 from rosette_ros.dme.dme_settings import DmeTableSettings
 from rosette_ros.dme.wire import Call, call, numbers

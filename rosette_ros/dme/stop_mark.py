@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from rosette_ros.core.errors import RosetteError, one_line, plain
+from rosette_ros.core.run.errors import RosetteError, one_line, plain
 from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped
 from rosette_ros.io.text_file import regular, remove_file, replace_file
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.records import Floats
+from rosette_ros.core.run.records import Floats
 from rosette_ros.dme.wire import DmeError
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.touch_by_touch import SingleTouch, TouchByTouch

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from rosette_ros.core.errors import CellError, plain
+from rosette_ros.core.run.errors import CellError, plain
 
 PORT = 1294
 """The TCP port that is registered for I++ DME."""

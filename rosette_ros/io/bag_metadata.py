@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.safe_yaml import BAD_VALUE, PlainDumper, load_plain
 from rosette_ros.io.text_file import is_regular, read_limited, reading, replace_file
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.axes import ALONG, moving_axes, words
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Bools, Floats, fitted_frame, nominal_angles, rotate_z, turned_frame, wrap
 from rosette_ros.core.joint.readings import Plate, Readings
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import cmm_position, nominal_places
+from rosette_ros.core.run.axes import ALONG, moving_axes, words
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Bools, Floats, fitted_frame, nominal_angles, rotate_z, turned_frame, wrap
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import cmm_position, nominal_places
 from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.csv_parser import COLUMNS, WAY_COLUMNS, CsvTable
 from rosette_ros.io.plate_file import plate_of_table

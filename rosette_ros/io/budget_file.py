@@ -6,10 +6,10 @@ from typing import Any
 
 import yaml
 
-from rosette_ros.core.budget_inputs import BOUNDS, ENVIRONMENT, SECTIONS, BudgetInputs, Entry
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.errors import InvalidData, unknown
-from rosette_ros.core.stated_environment import CLASSES, KINDS, Environment, Size
+from rosette_ros.core.run.errors import InvalidData, unknown
+from rosette_ros.core.uncertainty.budget_inputs import BOUNDS, ENVIRONMENT, SECTIONS, BudgetInputs, Entry
+from rosette_ros.core.uncertainty.stated_environment import CLASSES, KINDS, Environment, Size
 from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-budget/1'

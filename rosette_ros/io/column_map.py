@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import yaml
 
-from rosette_ros.core.errors import InvalidData, unknown
+from rosette_ros.core.run.errors import InvalidData, unknown
 from rosette_ros.io.safe_yaml import PlainDumper, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 

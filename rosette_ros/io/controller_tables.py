@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.core.number_words import SCALES
-from rosette_ros.core.records import Floats
+from rosette_ros.core.run.errors import InvalidConfig
+from rosette_ros.core.run.number_words import SCALES
+from rosette_ros.core.run.records import Floats
+from rosette_ros.core.table.correction import Correction
 
 MOST_LOST = 0.1
 """Share of the largest correction that straight lines between the lines of such a file may lose."""

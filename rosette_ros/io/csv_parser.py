@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData, counted, plain
-from rosette_ros.core.geometry import Floats, Ints
-from rosette_ros.core.records import Bools, resolution_of
+from rosette_ros.core.run.errors import InvalidData, counted, plain
+from rosette_ros.core.run.geometry import Floats, Ints
+from rosette_ros.core.run.records import Bools, resolution_of
 from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, foreign_lines, proposed
 from rosette_ros.io.table_heading import (
     KEYS,

@@ -11,11 +11,11 @@ from typing import Any
 
 import yaml
 
-from rosette_ros.core.axes import iso_names
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Floats
-from rosette_ros.core.number_words import ARC_SECOND
-from rosette_ros.core.records import CURVES, SI_UNITS
+from rosette_ros.core.run.axes import iso_names
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Floats
+from rosette_ros.core.run.number_words import ARC_SECOND
+from rosette_ros.core.run.records import CURVES, SI_UNITS
 from rosette_ros.io.safe_yaml import PlainDumper, known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 

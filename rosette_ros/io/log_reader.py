@@ -26,7 +26,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Header, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io import log_run
 from rosette_ros.io.log_run import RECORDS, TF_MESSAGE, LogRun

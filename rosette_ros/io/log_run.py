@@ -10,9 +10,9 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from rosette_ros.core.diagnosis.verdict import VerdictText
-from rosette_ros.core.errors import InvalidData, kind_of, plain
-from rosette_ros.core.geometry import Frame
-from rosette_ros.core.records import CURVES, ErrorMotions, Run
+from rosette_ros.core.run.errors import InvalidData, kind_of, plain
+from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.records import CURVES, ErrorMotions, Run
 from rosette_ros.io import messages as msg
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.identity_file import Identity, parse_identity

@@ -19,7 +19,7 @@ import mcap_ros2.writer
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType, Writer
 
-from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData
+from rosette_ros.core.run.errors import CellError, InvalidConfig, InvalidData
 from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io.text_file import give_name, synchronise_folder
 from rosette_ros.io.type_definitions import TypeDefinition

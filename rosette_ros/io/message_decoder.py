@@ -13,7 +13,7 @@ from typing import Any
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from rosette_ros.core.errors import InvalidData, plain
+from rosette_ros.core.run.errors import InvalidData, plain
 from rosette_ros.io.safe_yaml import BAD_VALUE
 
 MAX_MESSAGE, MAX_SCHEMA = 1 << 22, 1 << 16

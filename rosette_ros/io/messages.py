@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from rosette_ros.core.diagnosis.verdict import Outcome, VerdictText
-from rosette_ros.core.errors import InvalidData, plain
-from rosette_ros.core.geometry import TWO_PI, Floats, Frame, rotate_z, wrap
-from rosette_ros.core.scheme import nominal_places, order_name
+from rosette_ros.core.run.errors import InvalidData, plain
+from rosette_ros.core.run.geometry import TWO_PI, Floats, Frame, rotate_z, wrap
+from rosette_ros.core.run.scheme import nominal_places, order_name
 
 FRAMES = MACHINE_FRAME, TABLE_FRAME = 'machine', 'table'
 STATUS_OK, STATUS_REFUSED = 0, 2

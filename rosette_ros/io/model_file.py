@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import InvalidModel
 from rosette_ros.io.safe_yaml import PlainDumper, parse_mapping, read_yaml
 from rosette_ros.io.text_file import write_text
 

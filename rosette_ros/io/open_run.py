@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.readings import Readings
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.records import Run
 from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io.ball_centre_table import read_csv, read_with_plate
 from rosette_ros.io.column_map import ColumnMap

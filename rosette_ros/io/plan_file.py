@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
 from rosette_ros.core.model.base_entries import refuse_undetermined
-from rosette_ros.core.scheme import Scheme, order_name, places_in_use, plan
-from rosette_ros.core.touches import TOUCHES
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
+from rosette_ros.core.run.scheme import Scheme, order_name, places_in_use, plan
+from rosette_ros.core.run.touches import TOUCHES
 from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, parse_yaml
 from rosette_ros.io.table_heading import meant
 from rosette_ros.io.text_file import read_limited

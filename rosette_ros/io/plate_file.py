@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Floats
 from rosette_ros.core.joint.readings import Plate
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Floats
 from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 

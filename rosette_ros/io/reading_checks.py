@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.geometry import Floats, wrap
-from rosette_ros.core.number_words import micrometres, significant
-from rosette_ros.core.records import ROUNDED, UNIT_DOUBT, Run, resolution_of
+from rosette_ros.core.run.geometry import Floats, wrap
+from rosette_ros.core.run.number_words import micrometres, significant
+from rosette_ros.core.run.records import ROUNDED, UNIT_DOUBT, Run, resolution_of
 from rosette_ros.io.messages import Answer, Phase, Target
 
 Pairs = Sequence[tuple[Target, Answer]]

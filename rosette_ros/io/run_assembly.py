@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Frame, fitted_frame, rotate_z, turned_frame
-from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import Way, joined_travel, nominal_places
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Frame, fitted_frame, rotate_z, turned_frame
+from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.scheme import Way, joined_travel, nominal_places
 from rosette_ros.io import messages
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, TABLE_FRAME, Answer, Phase, Rows, TableFrame, Target
 from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_run

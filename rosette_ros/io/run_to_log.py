@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Floats, Frame, Ints, rotate_z
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import nominal_places
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Floats, Frame, Ints, rotate_z
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import nominal_places
 from rosette_ros.io import log_run
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import encode_messages, whole_log

@@ -15,7 +15,7 @@ from typing import Any, TypeGuard
 
 import yaml
 
-from rosette_ros.core.errors import RosetteError, plain, unknown
+from rosette_ros.core.run.errors import RosetteError, plain, unknown
 from rosette_ros.io.text_file import read_limited
 
 DEEPEST = 20  # collections nested deeper than this are refused

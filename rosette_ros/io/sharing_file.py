@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.sharing import PARTS, SEATS, apart
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-sharing/1'

@@ -9,9 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from rosette_ros.core.axes import rotation_of, unit_axis
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Floats, Ints
+from rosette_ros.core.run.axes import rotation_of, unit_axis
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Floats, Ints
 
 SCHEMA = 'rosette-ball-centres/1'
 LENGTHS = {'mm': 1.0, 'cm': 10.0, 'm': 1e3, 'um': 1e-3, 'inch': 25.4}

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from urllib.parse import unquote
 
-from rosette_ros.core.errors import InvalidData, RosetteError
+from rosette_ros.core.run.errors import InvalidData, RosetteError
 
 EXISTS = 'exists already; take another name or use --force'
 NO_FILE = 'a device or a pipe'

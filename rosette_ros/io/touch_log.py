@@ -8,10 +8,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData, counted, plain
-from rosette_ros.core.geometry import Floats
-from rosette_ros.core.records import Run
-from rosette_ros.core.sphere_refit import SphereRefit, TouchedBalls, refit_spheres
+from rosette_ros.core.run.errors import InvalidData, counted, plain
+from rosette_ros.core.run.geometry import Floats
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.sphere_refit import SphereRefit, TouchedBalls, refit_spheres
 from rosette_ros.io.log_reader import decoded, find_files, open_files, read_log
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.messages import MACHINE_FRAME, TOUCH_ARRAYS, Answer, nanoseconds, short_frame

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 
 DELIMITER = '=' * 80  # the line between the parts of a ros2msg schema
 

@@ -26,7 +26,7 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData, RosetteError
+from rosette_ros.core.run.errors import CellError, InvalidConfig, InvalidData, RosetteError
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.graph_node import GraphNode

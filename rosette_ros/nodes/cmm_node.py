@@ -16,8 +16,8 @@ from rosette_msgs.srv import CheckPlan
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError, one_line
-from rosette_ros.core.geometry import Floats
+from rosette_ros.core.run.errors import CellError, InvalidPlan, RosetteError, one_line
+from rosette_ros.core.run.geometry import Floats
 from rosette_ros.io.messages import MACHINE_FRAME, Phase, short_frame
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import CellNode

@@ -17,11 +17,11 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.calibration_plan import BLOCK, block_of
 from rosette_ros.calibration.goal import OF_EVENT
-from rosette_ros.core import records
 from rosette_ros.core.diagnosis.verdict import noise_facts
-from rosette_ros.core.errors import InvalidData, plain
-from rosette_ros.core.geometry import Frame
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.run import records
+from rosette_ros.core.run.errors import InvalidData, plain
+from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import PublishedMotions
 from rosette_ros.io.messages import TOUCH_ARRAYS, Answer, Target, table_frame_of

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, InvalidConfig, RosetteError, one_line
+from rosette_ros.core.run.errors import CellError, InvalidConfig, RosetteError, one_line
 from rosette_ros.dme.ball_probing import DmeCmm, MeasuredBall
 from rosette_ros.dme.dme_plan import PlannedBall, Way, refuse_plan, refuse_unsafe_plan
 from rosette_ros.dme.dme_session import DmeSession, ToolNotInUse

@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.nodes import names
 
 _LOGS = ('ROS_LOG_DIR', 'ROS_HOME', 'HOME')

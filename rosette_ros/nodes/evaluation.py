@@ -8,17 +8,17 @@ from typing import Any, TypeVar
 
 from rosette_ros.analysis import analyse, diagnose, evaluate_jointly
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
-from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable, plain
-from rosette_ros.core.geometry import Frame
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import PARTS, SEATS
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.number_words import micrometres, significant
 from rosette_ros.core.planning.next_readings import NextReadings, next_readings
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.run.errors import InvalidData, InvalidModel, NotDeterminable, plain
+from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.number_words import micrometres, significant
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import Scheme
 
 RUNS_KEPT = 4
 _Run = TypeVar('_Run')

@@ -18,14 +18,14 @@ from std_msgs.msg import Header
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core import records
-from rosette_ros.core.errors import InvalidModel, RosetteError, one_line, plain
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.next_readings import BLOCK
-from rosette_ros.core.records import Run
+from rosette_ros.core.run import records
+from rosette_ros.core.run.errors import InvalidModel, RosetteError, one_line, plain
+from rosette_ros.core.run.records import Run
 from rosette_ros.io.messages import TABLE_FRAME
 from rosette_ros.io.model_file import parse_entry, read_model
 from rosette_ros.io.run_assembly import RunAnswers

@@ -15,7 +15,7 @@ from rclpy.service import Service
 from rclpy.service_introspection import ServiceIntrospectionState
 from rosette_msgs.action import Calibrate
 
-from rosette_ros.core.errors import InvalidConfig, InvalidData
+from rosette_ros.core.run.errors import InvalidConfig, InvalidData
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9_]*)')
 

@@ -17,7 +17,7 @@ from service_msgs.msg import ServiceEventInfo
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, InvalidData, RosetteError
+from rosette_ros.core.run.errors import CellError, InvalidData, RosetteError
 from rosette_ros.io.bag_metadata import Qos, find_files
 from rosette_ros.io.log_reader import MAGIC, LoggedMessage, iter_log
 from rosette_ros.io.log_writer import COMPRESSIONS, LogWriter

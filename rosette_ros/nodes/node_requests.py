@@ -16,8 +16,8 @@ from rosette_msgs.srv import CheckPlan, NextReadings, Recall, Recorded, StartRec
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.commands import Commands, Remark, Until
 from rosette_ros.calibration.state_machine import Sequence
-from rosette_ros.core.errors import CellError, InvalidPlan, plain
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.run.errors import CellError, InvalidPlan, plain
+from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import WAKE_PERIOD, CellNode

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rosette_ros.calibration.settings import Value, Wanted, unknown_name
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.nodes.names import NODES
 
 _OWN = ('use_sim_time', 'start_type_description_service')  # what every rclpy node declares for itself

@@ -23,7 +23,7 @@ from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData, RosetteError, plain
+from rosette_ros.core.run.errors import CellError, InvalidConfig, InvalidData, RosetteError, plain
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import RESUMES_KEY, SIMULATED_KEY
 from rosette_ros.io.messages import Answer, Target, nanoseconds

@@ -20,7 +20,7 @@ from rosette_ros.calibration import commands as to
 from rosette_ros.calibration.goal import Job, Request, make_job
 from rosette_ros.calibration.settings import IDENTITY, LIMITS, PLANNED, RESUME, Wanted, goal_changes
 from rosette_ros.calibration.state_machine import with_advice
-from rosette_ros.core.errors import CellError, RosetteError, plain
+from rosette_ros.core.run.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, Target, answer_of, nanoseconds
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos

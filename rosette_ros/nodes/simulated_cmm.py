@@ -17,7 +17,7 @@ from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
 from rosgraph_msgs.msg import Clock
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import InvalidConfig, InvalidPlan, RosetteError
+from rosette_ros.core.run.errors import InvalidConfig, InvalidPlan, RosetteError
 from rosette_ros.io.log_run import SIMULATED_STATUS
 from rosette_ros.io.messages import MACHINE_FRAME, nanoseconds, target_of
 from rosette_ros.io.plan_file import LONGEST_WAIT

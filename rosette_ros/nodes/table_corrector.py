@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import InvalidConfig, InvalidData, plain
-from rosette_ros.core.geometry import Frame, rotation_matrix
+from rosette_ros.core.run.errors import InvalidConfig, InvalidData, plain
+from rosette_ros.core.run.geometry import Frame, rotation_matrix
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.base_node import OK, WARN, CellNode, Health, run_node

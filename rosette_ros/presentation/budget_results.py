@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.budget_lines import root_mean
-from rosette_ros.core.budget_monte_carlo import MonteCarlo
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.stated_environment import KINDS, Environment
-from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.uncertainty.budget_lines import root_mean
+from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.stated_environment import KINDS, Environment
+from rosette_ros.core.uncertainty.uncertainty_budget import PROBABILITY, Budget
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.table_format import Column, Table, column, words

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rosette_ros.core import axes
-from rosette_ros.core.error_summary import COVERAGE_FACTOR as COVERAGE_FACTOR
-from rosette_ros.core.number_words import UNKNOWN as UNKNOWN
-from rosette_ros.core.number_words import Scale as Scale
-from rosette_ros.core.number_words import micrometres as micrometres
-from rosette_ros.core.number_words import multiple as multiple
-from rosette_ros.core.number_words import p_value as p_value
-from rosette_ros.core.number_words import p_words
-from rosette_ros.core.number_words import significant as significant
-from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Run
-from rosette_ros.core.scheme import cmm_position
+from rosette_ros.core.run import axes
+from rosette_ros.core.run.number_words import UNKNOWN as UNKNOWN
+from rosette_ros.core.run.number_words import Scale as Scale
+from rosette_ros.core.run.number_words import micrometres as micrometres
+from rosette_ros.core.run.number_words import multiple as multiple
+from rosette_ros.core.run.number_words import p_value as p_value
+from rosette_ros.core.run.number_words import p_words
+from rosette_ros.core.run.number_words import significant as significant
+from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Run
+from rosette_ros.core.run.scheme import cmm_position
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR as COVERAGE_FACTOR
 from rosette_ros.words.effect_words import MEANINGS as MEANINGS
 from rosette_ros.words.effect_words import MICRO_DECIMALS as MICRO_DECIMALS
 from rosette_ros.words.effect_words import SCALES as SCALES

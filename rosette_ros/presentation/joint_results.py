@@ -7,14 +7,14 @@ from functools import partial
 
 import numpy as np
 
-from rosette_ros.core.error_summary import doubt_of
 from rosette_ros.core.joint.conclusion import conclude, fits
 from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import ITEMS, PARTS
-from rosette_ros.core.number_words import p_words
-from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.core.run.number_words import p_words
+from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.uncertainty.error_summary import doubt_of
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import environment_words, stated_json
 from rosette_ros.presentation.error_results import TITLE, errors, errors_json

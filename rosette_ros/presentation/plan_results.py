@@ -10,8 +10,8 @@ from rosette_ros.core.diagnosis.posterior import HEARD
 from rosette_ros.core.planning.expectation import Expectation
 from rosette_ros.core.planning.next_readings import NextReadings
 from rosette_ros.core.planning.plan_comparison import Outlook, better
-from rosette_ros.core.records import CURVES, Run
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.run.records import CURVES, Run
+from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.csv_parser import COLUMNS
 from rosette_ros.io.plan_file import SCHEMA
 from rosette_ros.io.table_heading import SCHEMA as TABLE_SCHEMA

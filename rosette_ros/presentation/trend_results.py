@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.figure import Figure
 
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.errors import counted
-from rosette_ros.core.records import CURVES, SI_UNITS, Floats
-from rosette_ros.core.trend import LEAST_LINE, Event, Forecast, Shift
+from rosette_ros.core.run.errors import counted
+from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats
+from rosette_ros.core.table.trend import LEAST_LINE, Event, Forecast, Shift
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words
 from rosette_ros.presentation.plots import plot_style as style

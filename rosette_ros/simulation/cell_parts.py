@@ -13,9 +13,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from rosette_ros.core.geometry import TWO_PI, Frame, rotate_z, rotation_matrix
-from rosette_ros.core.records import CURVES, Floats, Ints
-from rosette_ros.core.scheme import nominal_places
+from rosette_ros.core.run.geometry import TWO_PI, Frame, rotate_z, rotation_matrix
+from rosette_ros.core.run.records import CURVES, Floats, Ints
+from rosette_ros.core.run.scheme import nominal_places
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.simulation.random_streams import part_generator
 from rosette_ros.simulation.setting_types import NotNegative, Number, Positive, Settings, Share

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from rosette_ros.core.records import Floats
+from rosette_ros.core.run.records import Floats
 from rosette_ros.simulation.random_streams import part_generator
 from rosette_ros.simulation.setting_types import NotNegative, Settings, Share
 

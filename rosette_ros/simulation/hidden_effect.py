@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.records import Floats
+from rosette_ros.core.run.records import Floats
 from rosette_ros.simulation.setting_types import Settings
 
 UM = 1e-6

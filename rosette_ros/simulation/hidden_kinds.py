@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, Union
 import numpy as np
 from pydantic import Field, model_validator
 
-from rosette_ros.core.geometry import TWO_PI, rotate_z
-from rosette_ros.core.records import Floats
+from rosette_ros.core.run.geometry import TWO_PI, rotate_z
+from rosette_ros.core.run.records import Floats
 from rosette_ros.simulation.hidden_effect import UM, Draw, Drawn, HiddenEffect, Situation, along
 from rosette_ros.simulation.motion import Moment
 from rosette_ros.simulation.probing import TouchPattern

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from rosette_ros.core.axes import nearest_axis, taught_frame, unit_axis, words
-from rosette_ros.core.errors import InvalidConfig, InvalidPlan
-from rosette_ros.core.geometry import TWO_PI, Frame, nominal_angles, rotate_z, rotation_matrix, table_frame
-from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import Scheme, nominal_places
-from rosette_ros.core.touches import fit_spheres
+from rosette_ros.core.run.axes import nearest_axis, taught_frame, unit_axis, words
+from rosette_ros.core.run.errors import InvalidConfig, InvalidPlan
+from rosette_ros.core.run.geometry import TWO_PI, Frame, nominal_angles, rotate_z, rotation_matrix, table_frame
+from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.scheme import Scheme, nominal_places
+from rosette_ros.core.run.touches import fit_spheres
 from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.simulation import cell_parts, probing
 from rosette_ros.simulation.faults import FaultList

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rosette_ros.core.records import Bools, Floats, Ints
+from rosette_ros.core.run.records import Bools, Floats, Ints
 from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings
 
 _Number = TypeVar('_Number', bound=np.generic)

@@ -14,10 +14,10 @@ from typing import Annotated, Generic, TypeVar
 import numpy as np
 from pydantic import Field
 
-from rosette_ros.core.axes import axis_rotation
-from rosette_ros.core.errors import CellError, InvalidPlan
-from rosette_ros.core.records import Floats, Ints
-from rosette_ros.core.touches import TOUCHES, centre_factors, circles_of, touch_directions
+from rosette_ros.core.run.axes import axis_rotation
+from rosette_ros.core.run.errors import CellError, InvalidPlan
+from rosette_ros.core.run.records import Floats, Ints
+from rosette_ros.core.run.touches import TOUCHES, centre_factors, circles_of, touch_directions
 from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, Share
 
 

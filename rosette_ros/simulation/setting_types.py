@@ -8,8 +8,8 @@ from typing import Annotated, Any, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 from pydantic_core import ErrorDetails
 
-from rosette_ros.core.axes import unit_axis
-from rosette_ros.core.errors import InvalidConfig, InvalidData, plain
+from rosette_ros.core.run.axes import unit_axis
+from rosette_ros.core.run.errors import InvalidConfig, InvalidData, plain
 
 
 def _direction(value: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rosette_ros.core.axes import nearest_axis
-from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z
-from rosette_ros.core.records import Floats, Ints
+from rosette_ros.core.run.axes import nearest_axis
+from rosette_ros.core.run.geometry import TWO_PI, nominal_angles, rotate_z
+from rosette_ros.core.run.records import Floats, Ints
 from rosette_ros.simulation.machine import Machine
 from rosette_ros.simulation.motion import Moment
 from rosette_ros.simulation.random_streams import standard_normal

@@ -10,9 +10,9 @@ import numpy as np
 from rosette_ros.archive.archive_questions import Question
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import TableTrend, read_history, trend_of
-from rosette_ros.core.error_summary import COVERAGE_FACTOR, difference
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, difference
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 MOST_LISTED = 1000

@@ -6,17 +6,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rosette_ros.analysis import curves_over, evaluate_jointly, stated_budget
-from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.diagnosis import Finding
-from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import next_readings
-from rosette_ros.core.records import ErrorMotions, Run
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.run.records import ErrorMotions, Run
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan

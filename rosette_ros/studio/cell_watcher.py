@@ -15,7 +15,7 @@ from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, ProbeTarget, R
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.cell.client import CalibrationOutcome, CellClient, GraphClient
-from rosette_ros.core.errors import CellError, RosetteError, one_line, plain
+from rosette_ros.core.run.errors import CellError, RosetteError, one_line, plain
 from rosette_ros.io.messages import answer_of, progress_of, table_frame_of, target_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import make_executor

@@ -17,11 +17,11 @@ from nicegui import Event
 from rosette_ros.analysis import LadderStep, advise_run, analyse, change, cross_check, summarise
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
-from rosette_ros.core.error_summary import refuted
-from rosette_ros.core.errors import NotDeterminable, RosetteError, one_line
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import Run
-from rosette_ros.core.stated_environment import CLASSES
+from rosette_ros.core.run.errors import NotDeterminable, RosetteError, one_line
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.uncertainty.error_summary import refuted
+from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.presentation.report import report_html
 from rosette_ros.presentation.report.provenance import Source

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
-from rosette_ros.core.scheme import cmm_position, nominal_places
+from rosette_ros.core.run.geometry import TWO_PI, nominal_angles, rotate_z
+from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Ints
+from rosette_ros.core.run.scheme import cmm_position, nominal_places
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, SCALES, curve_scales, curve_units, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed

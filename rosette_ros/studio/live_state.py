@@ -8,8 +8,8 @@ from math import dist
 from typing import NamedTuple
 
 from rosette_ros.core.diagnosis.verdict import VerdictText
-from rosette_ros.core.errors import plain
-from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.core.run.errors import plain
+from rosette_ros.core.run.records import ErrorMotions, Run
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, TableFrame, Target
 from rosette_ros.io.run_assembly import RunAnswers
 

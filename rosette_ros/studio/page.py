@@ -17,8 +17,8 @@ from nicegui.events import KeyEventArguments, ValueChangeEventArguments
 
 from rosette_ros.analysis import claimed_model
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.errors import CellError, InvalidConfig, RosetteError
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import CellError, InvalidConfig, RosetteError
 from rosette_ros.io.model_file import format_model
 from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.studio.access_control import LOOPBACK, AccessControl

@@ -14,7 +14,7 @@ from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, Known, LadderStep, S
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.records import Run
 from rosette_ros.presentation.report.provenance import Source
 
 MOST_KEPT = 24

@@ -15,8 +15,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
-from rosette_ros.core.errors import RosetteError, one_line
-from rosette_ros.core.number_words import angle_unit, show_angles
+from rosette_ros.core.run.errors import RosetteError, one_line
+from rosette_ros.core.run.number_words import angle_unit, show_angles
 
 T = TypeVar('T')
 VALUE, ERROR = 'value', 'error'

@@ -5,9 +5,9 @@ import math
 from collections.abc import Container, Iterable, Mapping
 
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
-from rosette_ros.core.number_words import SCALES as SCALES
-from rosette_ros.core.number_words import UNKNOWN, Scale
-from rosette_ros.core.records import in_time
+from rosette_ros.core.run.number_words import SCALES as SCALES
+from rosette_ros.core.run.number_words import UNKNOWN, Scale
+from rosette_ros.core.run.records import in_time
 
 MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}
 """Every name that a diagnosis can give, with what it means."""

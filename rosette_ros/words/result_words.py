@@ -11,7 +11,7 @@ from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, noise_facts
 from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.noise import AXES
-from rosette_ros.core.number_words import micrometres, multiple, p_words
+from rosette_ros.core.run.number_words import micrometres, multiple, p_words
 from rosette_ros.words.effect_words import capital, names, title_of
 from rosette_ros.words.verdict_words import noise_words, unseen_words
 

@@ -5,7 +5,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.errors import counted
+from rosette_ros.core.run.errors import counted
 from rosette_ros.words.effect_words import capital, names, title_of
 
 if TYPE_CHECKING:  # who shows what was found starts without the least squares

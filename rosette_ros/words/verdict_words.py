@@ -20,9 +20,9 @@ from rosette_ros.core.diagnosis.verdict import (
 )
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
-from rosette_ros.core.number_words import micrometres, multiple, p_words
-from rosette_ros.core.records import SI_UNITS, UNIT_DOUBT
-from rosette_ros.core.stated_environment import LABORATORY, Unseen
+from rosette_ros.core.run.number_words import micrometres, multiple, p_words
+from rosette_ros.core.run.records import SI_UNITS, UNIT_DOUBT
+from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Unseen
 from rosette_ros.words.effect_words import (
     MEANINGS,
     SCALES,

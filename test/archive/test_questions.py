@@ -22,10 +22,10 @@ from rosette_ros.archive.reanalysis import (
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import SCHEMA, heading
 from rosette_ros.cli.main import main
-from rosette_ros.core.errors import InvalidData, RosetteError
-from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.run.errors import InvalidData, RosetteError
+from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.run.records import CURVES
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 BASE, CREEP = Model(), Model().with_effect('plate_creep')

@@ -27,8 +27,8 @@ from rosette_ros.archive.engines import DaskEngine
 from rosette_ros.archive.run_adding import add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import STATED
-from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import InvalidConfig, InvalidData
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.open_run import open_run

@@ -15,8 +15,8 @@ from rosette_ros.analysis import analyse, find
 from rosette_ros.archive import run_archive
 from rosette_ros.archive.run_archive import MARK, RunArchive
 from rosette_ros.archive.run_row import SCHEMA, evaluation_row, heading, table_of
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io import text_file
 from rosette_ros.presentation.report.provenance import open_source
 

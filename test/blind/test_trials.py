@@ -20,10 +20,10 @@ from rosette_ros.core.diagnosis import posterior as levels
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.planning.advice import planned_run
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.geometry import rotate_z
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.words.verdict_words import MOTIONS, VARIABLES
 
 

@@ -5,8 +5,8 @@ import numpy as np
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.state_machine import Ask, Limits, Results, Sequence
-from rosette_ros.core.geometry import Frame, rotation_matrix
-from rosette_ros.core.scheme import nominal_places, plan
+from rosette_ros.core.run.geometry import Frame, rotation_matrix
+from rosette_ros.core.run.scheme import nominal_places, plan
 from rosette_ros.io.messages import Answer
 
 RUN_ID = 'run_a'

@@ -23,8 +23,8 @@ from rosette_ros.calibration.state_machine import (
     Until,
     Verify,
 )
-from rosette_ros.core.errors import InvalidConfig, InvalidPlan
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidConfig, InvalidPlan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import conversions
 

@@ -8,8 +8,8 @@ import pytest
 from rosette_msgs.msg import RunState
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
-from rosette_ros.core.geometry import Frame
-from rosette_ros.core.scheme import ORDERS, TURNINGS, plan
+from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.scheme import ORDERS, TURNINGS, plan
 from rosette_ros.io.messages import Phase
 
 

@@ -16,8 +16,8 @@ from rosette_ros.calibration.goal import Request, earlier_answers, make_job, ref
 from rosette_ros.calibration.settings import LIMITS as LIMIT_SETTINGS
 from rosette_ros.calibration.settings import PLANNED, format_settings, parse_settings
 from rosette_ros.calibration.state_machine import PAUSE, Ask, Finish, Locate, Remark, Sequence
-from rosette_ros.core.errors import CellError, InvalidConfig
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import CellError, InvalidConfig
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.io.run_assembly import RunAnswers

@@ -27,8 +27,8 @@ from rosette_ros.calibration.settings import (
     with_identity,
 )
 from rosette_ros.calibration.state_machine import Limits
-from rosette_ros.core.errors import InvalidConfig, RosetteError
-from rosette_ros.core.scheme import ORDERS, plan
+from rosette_ros.core.run.errors import InvalidConfig, RosetteError
+from rosette_ros.core.run.scheme import ORDERS, plan
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.messages import Phase

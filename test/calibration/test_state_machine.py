@@ -21,7 +21,7 @@ from rosette_ros.calibration.state_machine import (
     Sequence,
     complaint,
 )
-from rosette_ros.core.scheme import ORDERS, plan
+from rosette_ros.core.run.scheme import ORDERS, plan
 from rosette_ros.io.messages import STATUS_REFUSED, Phase
 
 

@@ -10,9 +10,9 @@ from sequences import answer_to, last_ask, moved, nominal
 
 from rosette_ros.calibration.settings import LIMITS, PLANNED, format_settings, limits_of, parse_settings, plan_of
 from rosette_ros.calibration.state_machine import Ask, Finish, Limits, Locate, Sequence
-from rosette_ros.core.axes import refuse_other_sense, taught_frame
-from rosette_ros.core.errors import InvalidConfig, NotDeterminable
-from rosette_ros.core.geometry import Frame, rotation_matrix, table_frame
+from rosette_ros.core.run.axes import refuse_other_sense, taught_frame
+from rosette_ros.core.run.errors import InvalidConfig, NotDeterminable
+from rosette_ros.core.run.geometry import Frame, rotation_matrix, table_frame
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.simulation import Machine, MachineConfig

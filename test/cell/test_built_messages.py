@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from rosette_ros.cell.supervisor import DEFINITIONS, Cell, check_messages
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 
 
 @pytest.fixture

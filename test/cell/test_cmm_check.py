@@ -19,7 +19,7 @@ from rosette_ros.calibration.settings import LIMITS, PLANNED
 from rosette_ros.cell import cmm_check
 from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cli.main import main
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.nodes import names, qos
 
 pytestmark = pytest.mark.long

@@ -15,7 +15,7 @@ import pytest
 from rosette_ros.cell import supervisor
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import LOCAL, MODULES, PROFILES, RANGE, TRANSPORTS, added_environment
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.recorder import LAST_MESSAGES
 

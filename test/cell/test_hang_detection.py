@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from rosette_ros.cell.client import CellClient, HangDetector
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names, qos
 

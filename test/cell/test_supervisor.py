@@ -14,7 +14,7 @@ from rclpy.context import Context
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES, MOST_FAILURES, Cell, NodeProcess
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names
 

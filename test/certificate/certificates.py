@@ -9,7 +9,7 @@ import numpy as np
 
 from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.statements import Inputs, state
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.budget_file import read_stated
 from rosette_ros.io.identity_file import parse_identity

@@ -17,9 +17,9 @@ from schematron import Schematron
 from rosette_ros.analysis import analyse
 from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.statements import Inputs, release, state
-from rosette_ros.core.error_summary import Conformity
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.uncertainty.error_summary import Conformity
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.io.open_run import open_run
 

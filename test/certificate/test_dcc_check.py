@@ -17,7 +17,7 @@ from rosette_ros.certificate import dcc_check
 from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.dcc_check import parsed, verify_certificate
 from rosette_ros.certificate.statements import Inputs, state
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
 
 pytestmark = pytest.mark.long

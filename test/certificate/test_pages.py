@@ -12,7 +12,7 @@ from pypdf import PdfReader
 
 from rosette_ros.certificate.pages import to_pdf
 from rosette_ros.certificate.statements import Inputs, state
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.tables import curves
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.cli.main import main
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import functools
 import tempfile
 from pathlib import Path
 
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
 

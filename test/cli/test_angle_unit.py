@@ -10,7 +10,7 @@ from pypdf import PdfReader
 from simulated import simulated_table
 from test_certificate import IDENTITY
 
-from rosette_ros.core.number_words import ANGLES, angle_unit, show_angles
+from rosette_ros.core.run.number_words import ANGLES, angle_unit, show_angles
 from rosette_ros.presentation.formatting import clamping_words, curve_units, scale_of
 
 ARCSEC = '--angle-unit', 'arcsec'

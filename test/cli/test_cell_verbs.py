@@ -16,7 +16,7 @@ import yaml
 
 from rosette_ros.analysis import judge
 from rosette_ros.cli.cell import log_folder
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.run.records import CURVES
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.words.verdict_words import verdict_text
 

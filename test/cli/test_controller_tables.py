@@ -6,12 +6,12 @@ import re
 import numpy as np
 import pytest
 
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.core.geometry import TWO_PI, rotate_z
 from rosette_ros.core.model.least_squares import fit
-from rosette_ros.core.records import ErrorMotions
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidConfig
+from rosette_ros.core.run.geometry import TWO_PI, rotate_z
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.table.correction import Correction
 from rosette_ros.io.ball_centre_table import read_csv, write_csv
 from rosette_ros.io.controller_tables import OF_A_TURN, Axis, fanuc, heidenhain
 from rosette_ros.simulation import Machine, machine_config

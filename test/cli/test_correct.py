@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.identity_file import Identity

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.log_reader import iter_log
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.type_definitions import TypeDefinition

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import nominal_places, plan
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import nominal_places, plan
 from rosette_ros.io.ball_centre_table import write_csv
 
 pytestmark = pytest.mark.long

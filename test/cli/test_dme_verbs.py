@@ -18,7 +18,7 @@ from matplotlib.patches import Circle
 
 from rosette_ros.cli import dme
 from rosette_ros.cli.main import main
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.dme.dme_server import ServeSettings, serving
 from rosette_ros.dme.dme_settings import client_settings
 from rosette_ros.dme.stop_mark import StopMark

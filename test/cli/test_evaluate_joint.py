@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from simulated import simulated_run, simulated_table
 
-from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.joint.joint_evaluation import SharingTest
+from rosette_ros.core.run.axes import axis_rotation
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.presentation.joint_results import sharing_table
 

@@ -15,7 +15,7 @@ from terminal import Terminal
 from rosette_ros.analysis import analyse, diagnose
 from rosette_ros.cli.hidden_demo import answer, content, visible_strengths, wrongly_named
 from rosette_ros.cli.main import main, parse
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import read_model
 from rosette_ros.simulation import Machine, MachineConfig, load_machine

@@ -12,7 +12,7 @@ import yaml
 from simulated import simulated_run, simulated_table
 
 from rosette_ros.core.diagnosis.verdict import Outcome
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
 

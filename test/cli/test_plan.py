@@ -12,7 +12,7 @@ import pytest
 from simulated import simulated_run
 
 from rosette_ros.cli.plan import plan_arguments
-from rosette_ros.core.scheme import FEWEST, places_in_use
+from rosette_ros.core.run.scheme import FEWEST, places_in_use
 
 GOLDEN = Path(__file__).parents[1] / 'golden'
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from rosette_ros.cli.replay import Expected, LogPlayer, difference, expected_motions
-from rosette_ros.core.errors import CellError, InvalidData
-from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.run.errors import CellError, InvalidData
+from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.io.log_reader import read_log
 
 

@@ -9,9 +9,9 @@ import pytest
 from simulated import simulated_table
 
 from rosette_ros.analysis import curves_over
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.table.correction import Correction
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
 

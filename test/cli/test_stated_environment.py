@@ -11,7 +11,7 @@ from rosette_ros.analysis import analyse, find
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import evaluation_row, heading
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.correction_file import read_correction

@@ -13,8 +13,8 @@ from rosette_ros.analysis import analyse
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import evaluation_row, heading
 from rosette_ros.archive.table_history import history_of
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.trend_results import events_table, residual_words
 

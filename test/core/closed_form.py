@@ -6,8 +6,8 @@ Source: Kniel et al. (2019), equations (1)-(16); the limit `nw` of the sum in (1
 
 import numpy as np
 
-from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.geometry import nominal_angles
 
 
 def closed_form(run):

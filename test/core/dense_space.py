@@ -5,10 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.geometry import nominal_angles, rotate_z
 from rosette_ros.core.model.base_space import BaseParameters
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
+from rosette_ros.core.run.geometry import nominal_angles, rotate_z
 
 SINGULAR = 3e-5
 """Singular value, over the largest, that counts as 0."""

@@ -3,9 +3,9 @@
 
 import numpy as np
 
-from rosette_ros.core.geometry import rotate_z
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.geometry import rotate_z
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 
 RADIUS = 0.1825
 MICROMETRE = 1e-6

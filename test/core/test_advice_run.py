@@ -6,11 +6,11 @@ import pytest
 from synthetic import synthetic_run
 
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
-from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import VARIANTS, advise, advise_run, scheme_of
-from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.scheme import ORDERS
+from rosette_ros.core.run.errors import InvalidModel, NotDeterminable
+from rosette_ros.core.run.scheme import ORDERS
+from rosette_ros.core.sight.visibility import visibility
 from rosette_ros.words.advice_words import advice_words
 
 

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import synthetic_run
 
-from rosette_ros.core import axes
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import rotation_matrix
 from rosette_ros.core.model.least_squares import fit
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.run import axes
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import rotation_matrix
+from rosette_ros.core.run.records import ErrorMotions
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
 DIRECTIONS = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda one: np.linalg.norm(one) > 1e-3)

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from rosette_ros.core.errors import InvalidPlan, NotDeterminable
 from rosette_ros.core.model.base_entries import refuse_undetermined
 from rosette_ros.core.model.base_space import BaseSpace
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import Scheme, plan
+from rosette_ros.core.run.errors import InvalidPlan, NotDeterminable
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import Scheme, plan
 
 N = 6
 

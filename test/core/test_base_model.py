@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from synthetic import MICROMETRE, synthetic_run
 
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
-from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import clamping
 from rosette_ros.core.model.base_space import BaseSpace
-from rosette_ros.core.model.clamped_plate import clamped_plate
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import Noise
-from rosette_ros.core.records import Run, remove_gauge
-from rosette_ros.core.scheme import COMPLETE_ORDERS
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.geometry import clamping
+from rosette_ros.core.run.records import Run, remove_gauge
+from rosette_ros.core.run.scheme import COMPLETE_ORDERS
+from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
 
 ROUNDING = 1e-15  # m and rad: 1 fm, far below any ball centre
 SUBSETS = [subset for size in (0, 1, 2, 3) for subset in itertools.combinations(BASE_TERMS, size)]

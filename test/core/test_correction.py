@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.correction_check import Effectiveness, check_correction
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, rotate_z, rotation_matrix
-from rosette_ros.core.records import CURVES, ErrorMotions
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import TWO_PI, rotate_z, rotation_matrix
+from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.table.correction import Correction
+from rosette_ros.core.table.correction_check import Effectiveness, check_correction
 from rosette_ros.io.correction_file import format_correction
 from rosette_ros.simulation import Machine, MachineConfig
 

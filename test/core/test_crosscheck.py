@@ -10,7 +10,7 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import FittedEffect, Parameter
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.result_words import check_words
 

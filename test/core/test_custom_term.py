@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from synthetic import synthetic_run
 
 from rosette_ros.core.effects.custom import LONGEST, CustomTerm, evaluate, parse
-from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import InvalidModel
 
 VALUES = {'t': np.arange(3.0), 'T': 0.0, 'phi': 0.1, 'beta': 0.2, 'alpha': 0.3, 'psi': 0.5,
           'approach': 1.0, 'pi': np.pi}

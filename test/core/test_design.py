@@ -18,9 +18,9 @@ from benchmarks.order_cost import Judge, Order, Pace, journey
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.base_space import BaseSpace
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
-from rosette_ros.core.sensitive_order import READINGS, SWEEPS, Sweeps, order_from_text, shortest_way
+from rosette_ros.core.run.interleaved_order import READINGS, SWEEPS, Sweeps, order_from_text, shortest_way
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 
 PACE = Pace()
 RADIUS = PACE.radius

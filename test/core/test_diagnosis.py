@@ -15,10 +15,10 @@ from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.effects.free import motions
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.result_words import comparison_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text

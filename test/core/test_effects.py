@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
-from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.effects.courses import Drift
 from rosette_ros.core.effects.effect import PhysicalEffect, Quantity, Setting
@@ -15,10 +14,11 @@ from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.effects.library import EFFECTS, effect, effects_of
 from rosette_ros.core.effects.motions import FrameAxes
 from rosette_ros.core.effects.run_functions import around
-from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.axes import axis_rotation
+from rosette_ros.core.run.errors import InvalidModel
+from rosette_ros.core.run.geometry import rotate_z
 
 EVERY = [*EFFECTS.values(), FREE]
 FIXED_NAMES = {

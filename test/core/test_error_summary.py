@@ -6,7 +6,13 @@ import pytest
 
 from rosette_ros.analysis import analyse, evaluate_jointly
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
-from rosette_ros.core.error_summary import (
+from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.joint.run_to_run import joint_lines
+from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.uncertainty.error_summary import (
     Conformity,
     conformity,
     difference,
@@ -15,12 +21,6 @@ from rosette_ros.core.error_summary import (
     fit_lines,
     once_per_turn,
 )
-from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
-from rosette_ros.core.joint.readings import Readings
-from rosette_ros.core.joint.run_to_run import joint_lines
-from rosette_ros.core.records import ErrorMotions
-from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 
 

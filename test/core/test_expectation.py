@@ -4,8 +4,8 @@
 import pytest
 
 from rosette_ros.core.planning.expectation import expect
-from rosette_ros.core.scheme import plan
-from rosette_ros.core.touches import sigma_of_touches
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.run.touches import sigma_of_touches
 
 
 def test_sigma_of_touches():

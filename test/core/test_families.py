@@ -9,9 +9,9 @@ from rosette_ros.core.diagnosis.diagnosis import diagnose, find
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.effects.run_functions import COARSE, lagged, last_move, temperature_change, temperature_waves
-from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 pytestmark = pytest.mark.long

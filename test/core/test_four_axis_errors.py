@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rosette_ros.core.error_summary import four_axis_errors
-from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.uncertainty.error_summary import four_axis_errors
 
 NANOMETRE = 1e-9
 

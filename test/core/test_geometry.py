@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import Frame, rigid_motion, rotate_z, rotation_matrix, same_angles, table_frame, wrap
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.geometry import Frame, rigid_motion, rotate_z, rotation_matrix, same_angles, table_frame, wrap
 
 NANOMETRE = 1e-9
 component = st.floats(-3, 3)

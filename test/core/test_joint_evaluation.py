@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly, found_turn
 from rosette_ros.core.joint.readings import Readings
-from rosette_ros.core.records import CURVES, remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData, NotDeterminable
+from rosette_ros.core.run.geometry import rotate_z
+from rosette_ros.core.run.records import CURVES, remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 
 BACKLASH = {'kind': 'table_backlash', 'width_urad': 2.0}

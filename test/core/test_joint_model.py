@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import Frame, rotate_z, rotation_matrix
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution
 from rosette_ros.core.joint.knowledge import knowledge
 from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.core.joint.sharing import SEATS, Sharing
 from rosette_ros.core.model.least_squares import fit
-from rosette_ros.core.records import remove_gauge
+from rosette_ros.core.run.errors import InvalidData, NotDeterminable
+from rosette_ros.core.run.geometry import Frame, rotate_z, rotation_matrix
+from rosette_ros.core.run.records import remove_gauge
 
 R = 0.1825
 TWELVE = tuple(range(0, 360, 30))

@@ -4,8 +4,8 @@
 import numpy as np
 from scipy.linalg import expm
 
-from rosette_ros.core.geometry import nominal_angles, rotate_z
 from rosette_ros.core.model.kinematics import axis_tilt, moved, on_table
+from rosette_ros.core.run.geometry import nominal_angles, rotate_z
 
 RNG = np.random.default_rng(1)
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.diagnosis.bank import families_of
 from rosette_ros.core.diagnosis.diagnosis import Unnamed, find
 from rosette_ros.core.diagnosis.posterior import Posterior, motion_of
 from rosette_ros.core.diagnosis.verdict import Level, Outcome, decide
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.error_summary import fit_lines
 from rosette_ros.core.planning.advice import planned_run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.sight.bank import families_of
+from rosette_ros.core.uncertainty.error_summary import fit_lines
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.verdict_words import moves_words
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from rosette_ros.core.diagnosis.diagnosis import diagnose, find
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan, travel_sense
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan, travel_sense
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.simulation import MachineConfig
 from rosette_ros.simulation.machine import Machine

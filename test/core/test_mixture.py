@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from rosette_ros.core.error_summary import SURE, AxisError, Conformity
-from rosette_ros.core.mixture import Mixture, total
+from rosette_ros.core.uncertainty.error_summary import SURE, AxisError, Conformity
+from rosette_ros.core.uncertainty.mixture import Mixture, total
 
 
 def test_law_of_total_variance():

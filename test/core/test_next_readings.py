@@ -21,8 +21,8 @@ from rosette_ros.core.planning.next_readings import (
     steps_of,
 )
 from rosette_ros.core.planning.predictions import Predictor, best_fit, expected_share, information, share_of_need
-from rosette_ros.core.scheme import Scheme
-from rosette_ros.core.touches import USUAL_PACE
+from rosette_ros.core.run.scheme import Scheme
+from rosette_ros.core.run.touches import USUAL_PACE
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.settling_words import hopeless_words, next_words, open_words
 

@@ -15,13 +15,13 @@ from rosette_ros.core.diagnosis.diagnosis import find, judge
 from rosette_ros.core.diagnosis.noise_hypotheses import noise_beside
 from rosette_ros.core.diagnosis.noise_kinds import Beside
 from rosette_ros.core.diagnosis.verdict import Outcome
-from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.least_squares import fit, observed
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import Noise, Whitening
 from rosette_ros.core.planning.advice import planned_run
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidModel
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation.formatting import uncertainty_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 

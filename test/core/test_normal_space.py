@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from synthetic import MICROMETRE, RADIUS, synthetic_run
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.reduced_sets import best_members
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.reduced_sets import best_members
 
 SAME = 1e-12  # of columns of size 1
 SUBSETS = (*[BASE_TERMS] * 4, BASE_TERMS[:2], BASE_TERMS[::2], BASE_TERMS[1:], BASE_TERMS[:1])

@@ -12,8 +12,8 @@ from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 
 SEEDS = 20

@@ -7,7 +7,7 @@ import pytest
 from rosette_ros.core.diagnosis.diagnosis import diagnose, find, judge
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 

@@ -7,7 +7,7 @@ from synthetic import synthetic_run
 
 from rosette_ros.core.diagnosis.diagnosis import diagnose, find
 from rosette_ros.core.effects.run_functions import between_readings
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 
 N, SIGMA = 12, 1e-7
 PAUSE = 78

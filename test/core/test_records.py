@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import rotation_matrix
-from rosette_ros.core.records import ErrorMotions, Run, remove_gauge
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import rotation_matrix
+from rosette_ros.core.run.records import ErrorMotions, Run, remove_gauge
 
 
 def test_arrays_are_frozen():

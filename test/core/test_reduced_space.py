@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
-from rosette_ros.core.errors import InvalidPlan, NotDeterminable
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import fit
-from rosette_ros.core.records import Run, remove_gauge
-from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty, relative_uncertainty
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidPlan, NotDeterminable
+from rosette_ros.core.run.records import Run, remove_gauge
+from rosette_ros.core.run.reduced_sets import best_members, fewest_members, penalty, relative_uncertainty
+from rosette_ros.core.run.scheme import plan
 
 # n, size, penalty: published with the derivation of reduced schemes, found by an independent dense computation
 PENALTIES = [(12, 8, 1.26), (12, 6, 1.52), (12, 4, 2.27), (24, 12, 1.45), (24, 6, 2.23), (36, 12, 1.79), (36, 9, 2.12)]

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosette_ros.calibration.settings import RUN
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.scheme import BACK, COMPLETE_ORDERS, ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.scheme import BACK, COMPLETE_ORDERS, ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
 from rosette_ros.io.messages import progress_of
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
 

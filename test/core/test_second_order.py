@@ -9,11 +9,11 @@ from rosette_ros.analysis import judge
 from rosette_ros.core.diagnosis.diagnosis import find
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import effect
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model, Term
-from rosette_ros.core.records import Run, remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import Run, remove_gauge
+from rosette_ros.core.run.scheme import plan
 
 RADIUS = 0.1825
 NANOMETRE = 1e-9

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from ideal_cell import ideal_cell
 
-from rosette_ros.core.scheme import plan
-from rosette_ros.core.sphere_refit import RINGS, SECTORS, TouchedBalls, fields, refit_spheres
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.run.sphere_refit import RINGS, SECTORS, TouchedBalls, fields, refit_spheres
 from rosette_ros.simulation import Machine
 
 N = 6

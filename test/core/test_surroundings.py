@@ -9,9 +9,9 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.model.surroundings import CLAIMED, MATTERS, at_ball, kind_of, surrounded, unseen
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.stated_environment import CLASSES, KINDS, LABORATORY, Environment, Size
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.uncertainty.hidden_effects import CLAIMED, MATTERS, at_ball, kind_of, surrounded, unseen
+from rosette_ros.core.uncertainty.stated_environment import CLASSES, KINDS, LABORATORY, Environment, Size
 
 NOISE = 1e-7
 

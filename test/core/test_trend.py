@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.trend import (
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.table.trend import (
     LEAST_RUNS,
     TimeSeries,
     course,

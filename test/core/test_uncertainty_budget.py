@@ -9,21 +9,21 @@ from scipy import special
 from synthetic import MICROMETRE, RADIUS
 
 from benchmarks.bench_coverage import coverage
-from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.budget_lines import root_mean
-from rosette_ros.core.budget_monte_carlo import monte_carlo
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
-from rosette_ros.core.error_summary import fit_lines
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.form_field import form_basis
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
-from rosette_ros.core.model.surroundings import surrounded
-from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.stated_environment import CLASSES
-from rosette_ros.core.touches import centre_factors, usual_directions
-from rosette_ros.core.uncertainty_budget import TouchScatter, budget
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.touches import centre_factors, usual_directions
+from rosette_ros.core.sight.visibility import visibility
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.budget_lines import root_mean
+from rosette_ros.core.uncertainty.budget_monte_carlo import monte_carlo
+from rosette_ros.core.uncertainty.error_summary import fit_lines
+from rosette_ros.core.uncertainty.form_field import form_basis
+from rosette_ros.core.uncertainty.hidden_effects import surrounded
+from rosette_ros.core.uncertainty.stated_environment import CLASSES
+from rosette_ros.core.uncertainty.uncertainty_budget import TouchScatter, budget
 from rosette_ros.presentation.budget_results import together_words
 
 pytestmark = pytest.mark.long

@@ -11,8 +11,8 @@ from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.planning.advice import advise, planned_run
-from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.scheme import places_in_use, plan
+from rosette_ros.core.run.scheme import places_in_use, plan
+from rosette_ros.core.sight.visibility import visibility
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.verdict_words import titles
 

@@ -6,7 +6,7 @@ import contextlib
 
 import numpy as np
 
-from rosette_ros.core.geometry import rotate_z
+from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_session import DmeSession
 from rosette_ros.dme.dme_settings import dme_settings

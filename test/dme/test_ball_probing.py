@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scripted_server import OK, error, measured, run, settings_of
 
-from rosette_ros.core.errors import CellError, InvalidPlan
+from rosette_ros.core.run.errors import CellError, InvalidPlan
 from rosette_ros.dme.wire import ACK, DATA, DONE, Response, call, encoded
 
 NANOMETRE = 1e-9

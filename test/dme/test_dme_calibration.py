@@ -8,8 +8,8 @@ import pytest
 from through_dme import calibrate
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.dme.dme_server import DmeServer, ServeSettings
 from rosette_ros.dme.dme_settings import client_settings, dme_settings
 from rosette_ros.simulation import Machine, MachineConfig

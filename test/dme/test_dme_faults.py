@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scripted_server import IMPATIENT, OK, error, measured, prepared, run, settings_of, unsolicited
 
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped
 from rosette_ros.dme.dme_settings import TimeoutSettings
 from rosette_ros.dme.wire import ACK, DONE, Response, call, encoded

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scripted_server import settings_of
 
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.geometry import TWO_PI
 from rosette_ros.dme.dme_plan import PlannedBall, all_balls, refuse_plan, refuse_unsafe_plan
 from rosette_ros.dme.probe_path import UnsafePath
 from rosette_ros.dme.rotary_table import TableState

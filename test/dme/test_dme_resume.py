@@ -12,8 +12,8 @@ from scripted_server import prepared
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.state_machine import Ask, Limits, Sequence
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.dme.dme_server import DmeServer
 from rosette_ros.dme.dme_session import DmeSession, DmeStopped
 from rosette_ros.dme.dme_settings import client_settings, dme_settings

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from line_client import LineClient
 
-from rosette_ros.core.touches import fit_spheres
+from rosette_ros.core.run.touches import fit_spheres
 from rosette_ros.dme.dme_server import ServeSettings, serving
 from rosette_ros.simulation import Machine, MachineConfig
 

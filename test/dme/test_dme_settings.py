@@ -4,7 +4,7 @@
 import pytest
 from scripted_server import SETTINGS
 
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.dme.dme_settings import dme_settings, load_dme_settings
 
 

@@ -13,7 +13,7 @@ import pytest
 from through_dme import calibrate
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.dme.dme_settings import ServerSettings, client_settings, dme_settings, load_dme_settings
 from rosette_ros.simulation import MachineConfig
 

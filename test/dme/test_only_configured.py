@@ -7,7 +7,7 @@ import sys
 import pytest
 from scripted_server import ScriptedServer, measured, prepared, settings_of
 
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.dme_session import DmeSession
 from rosette_ros.simulation import MachineConfig

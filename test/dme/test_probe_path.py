@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scripted_server import error, measured, run, settings_of
 
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.geometry import TWO_PI
 from rosette_ros.dme.probe_path import (
     UnsafePath,
     ball_path,

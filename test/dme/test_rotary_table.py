@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.run.errors import InvalidPlan
 from rosette_ros.dme.dme_settings import DmeTableSettings
 from rosette_ros.dme.rotary_table import TableState, commanded, turning_steps, unwrapped
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from scripted_server import OK, error, prepared, run, settings_of, unsolicited
 
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.dme.stop_mark import StopMark
 
 

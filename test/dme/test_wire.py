@@ -9,7 +9,7 @@ from random import Random
 
 import pytest
 
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.dme.dme_session import DmeLost, DmeRefused, DmeSession, DmeStopped
 from rosette_ros.dme.wire import (
     ACK,

@@ -4,9 +4,9 @@
 import numpy as np
 from scripted_server import prepared
 
-from rosette_ros.core.geometry import TWO_PI, table_frame
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import nominal_places
+from rosette_ros.core.run.geometry import TWO_PI, table_frame
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import nominal_places
 
 
 async def calibrate(settings, scheme, touches=0):

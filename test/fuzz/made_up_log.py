@@ -20,9 +20,9 @@ from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTa
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
-from rosette_ros.core.geometry import Frame, nominal_angles, rotation_matrix
-from rosette_ros.core.scheme import plan
-from rosette_ros.core.touches import touch_directions
+from rosette_ros.core.run.geometry import Frame, nominal_angles, rotation_matrix
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.run.touches import touch_directions
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.messages import Phase

@@ -13,7 +13,7 @@ from made_up_messages import TEXTS, changed, is_plain, messages, whole
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
 
-from rosette_ros.core.geometry import Frame
+from rosette_ros.core.run.geometry import Frame
 
 SAID = calibration()
 """A sound calibration: (topic, message, stamp) each."""

@@ -16,7 +16,7 @@ from made_up_changes import changed_logs
 from made_up_log import small_log, write_log
 from test_fuzz_inputs import TABLE, cells_changed
 
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.run.errors import RosetteError
 from rosette_ros.io.bag_metadata import TOP_KEY
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.studio.calculations import read_upload

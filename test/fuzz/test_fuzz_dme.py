@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up import WORDS, bounded, corpus, mutated, trees, tried
 
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.dme.dme_plan import refuse_unsafe_plan
 from rosette_ros.dme.dme_settings import dme_settings
 from rosette_ros.dme.probe_path import UnsafePath

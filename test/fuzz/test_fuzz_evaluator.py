@@ -16,8 +16,8 @@ from rosette_msgs.srv import AddEffect, Diagnose, RemoveEffect
 
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions

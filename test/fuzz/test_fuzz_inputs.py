@@ -22,10 +22,10 @@ from rosette_ros.analysis import analyse
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.state_machine import Limits, Sequence
 from rosette_ros.core.effects.custom import evaluate, names_in, parse
-from rosette_ros.core.errors import InvalidModel, NotDeterminable, RosetteError
-from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidModel, NotDeterminable, RosetteError
+from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import Answer, Phase, Target
 from rosette_ros.io.model_file import parse_entry

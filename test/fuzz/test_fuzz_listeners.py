@@ -18,7 +18,7 @@ from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import BallCentre, ProbeTarget
 
 from rosette_ros.cell.client import outcome_of
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.run.errors import RosetteError
 from rosette_ros.nodes.simulated_cmm import SimulatedCmm
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.cell_watcher import CellWatcher

@@ -14,7 +14,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
 from rosette_ros.cli.info import log_facts, run_rows
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.run.errors import RosetteError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.touch_log import refit_of
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json

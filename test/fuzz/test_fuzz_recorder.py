@@ -21,7 +21,7 @@ from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.nodes.interfaces import decoded, interface_class
 from rosette_ros.nodes.log_session import LogSession, Retention, RunContents
 from rosette_ros.nodes.recorder import WANTED as RECORDER_WANTED

@@ -31,8 +31,8 @@ from rosette_ros.calibration.settings import (
     plan_of,
 )
 from rosette_ros.calibration.state_machine import Limits, Sequence
-from rosette_ros.core.errors import RosetteError
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.nodes.sequencer import CALIBRATION, Sequencer

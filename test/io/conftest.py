@@ -11,8 +11,8 @@ import pytest
 from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from rosette_ros.core.geometry import Frame, rotation_matrix
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.geometry import Frame, rotation_matrix
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.type_definitions import TypeDefinition, TypeLibrary

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from split_bag import split
 
-from rosette_ros.core.errors import InvalidData, RosetteError
+from rosette_ros.core.run.errors import InvalidData, RosetteError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.open_run import open_run

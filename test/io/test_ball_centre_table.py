@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.errors import InvalidData, RosetteError
-from rosette_ros.core.geometry import Frame, rotation_matrix
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import ORDERS, plan
+from rosette_ros.core.run.errors import InvalidData, RosetteError
+from rosette_ros.core.run.geometry import Frame, rotation_matrix
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import ORDERS, plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv, read_csv, write_csv
 
 FEMTOMETRE = 1e-15

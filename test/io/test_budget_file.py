@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rosette_ros.core.budget_inputs import BOUNDS, ENVIRONMENT, SECTIONS
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.stated_environment import CLASSES, KINDS
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.uncertainty.budget_inputs import BOUNDS, ENVIRONMENT, SECTIONS
+from rosette_ros.core.uncertainty.stated_environment import CLASSES, KINDS
 from rosette_ros.io.budget_file import SCHEMA, budget_inputs, read_budget, read_stated
 
 

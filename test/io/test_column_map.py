@@ -10,7 +10,7 @@ from test_ball_centre_table import TABLE, parse, rows
 
 from rosette_ros.cli import data
 from rosette_ros.cli.main import main
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.ball_centre_table import parse_csv, read_csv
 from rosette_ros.io.column_map import format_columns
 from rosette_ros.io.csv_parser import proposal_for, read_columns

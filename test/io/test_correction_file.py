@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.errors import InvalidConfig, InvalidData
-from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.core.run.errors import InvalidConfig, InvalidData
+from rosette_ros.core.run.geometry import TWO_PI
+from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.table.correction import Correction
 from rosette_ros.io.controller_tables import Axis, linuxcnc
 from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
 

@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from mcap.records import Chunk, Header, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io import log_reader
 from rosette_ros.io.ball_centre_table import read_csv
 from rosette_ros.io.log_reader import MAGIC, iter_log, read_log

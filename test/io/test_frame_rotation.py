@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from test_run_to_log import make_run
 
-from rosette_ros.core.axes import axis_rotation, taught_frame
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.axes import axis_rotation, taught_frame
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import open_readings

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from rosette_ros.core.axes import rotation_of
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.axes import rotation_of
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.identity_file import (
     REQUIRED,
     SECTIONS,

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.run.geometry import TWO_PI
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.table.correction import Correction
 from rosette_ros.io.controller_tables import Axis, linuxcnc
 
 pytestmark = pytest.mark.skipif(not shutil.which('linuxcnc') or not Path('/usr/bin/python3').exists(),

@@ -13,7 +13,7 @@ from split_bag import split
 from written_logs import HELLO, TEXT, Wall, again, files_of, serialised
 
 from rosette_ros.archive.run_adding import find_logs
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io import bag_metadata, log_writer
 from rosette_ros.io.log_reader import iter_log, read_log, runs_in
 from rosette_ros.io.log_writer import LogWriter

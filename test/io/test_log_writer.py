@@ -16,7 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from written_logs import HELLO, TEXT, Wall, again, serialised, writer
 
-from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData
+from rosette_ros.core.run.errors import CellError, InvalidConfig, InvalidData
 from rosette_ros.io import log_writer
 from rosette_ros.io.bag_metadata import Qos, parse_qos, qos_text, read_bag_metadata
 from rosette_ros.io.log_reader import read_log

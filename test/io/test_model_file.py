@@ -3,8 +3,8 @@
 
 import pytest
 
-from rosette_ros.core.errors import InvalidData, InvalidModel
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.errors import InvalidData, InvalidModel
 from rosette_ros.io.model_file import format_model, read_model, write_model
 
 MODELS = (

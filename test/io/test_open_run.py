@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.ball_centre_table import format_csv
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import open_run

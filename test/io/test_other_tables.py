@@ -8,10 +8,10 @@ import pytest
 from test_ball_centre_table import TABLE, changed, parse, rows, same
 
 from rosette_ros.cli.main import main
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Frame, rotation_matrix
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Frame, rotation_matrix
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.scheme import ORDERS, plan
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.scheme import ORDERS, plan
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
 
 COLUMNS = ('table_position', 'ball', 'cmm_position', 'approach', 'touches', 'session', 'wait')

@@ -9,11 +9,11 @@ import pytest
 import yaml
 
 from rosette_ros.cli.main import main
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import remove_gauge
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.records import remove_gauge
 from rosette_ros.io.ball_centre_table import read_csv
 from rosette_ros.io.open_run import has_plate, open_readings
 from rosette_ros.io.plate_file import read_plate

@@ -12,8 +12,8 @@ from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.core.diagnosis.diagnosis import diagnose
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.records import resolution_of
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import resolution_of
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
 from rosette_ros.io.open_run import open_run

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from rosette_msgs.msg import BallCentre
 from std_msgs.msg import Header
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Frame
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Frame
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.messages import Answer, Phase, Rows, TableFrame, Target, answer_of, table_frame_of
 from rosette_ros.io.run_assembly import RunAnswers

@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.run_to_log import write_log

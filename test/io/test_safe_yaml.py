@@ -4,7 +4,7 @@
 import pytest
 import yaml
 
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.io.identity_file import format_identity, parse_identity, read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.plan_file import read_plan

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
-from rosette_ros.core.errors import InvalidData, InvalidPlan
-from rosette_ros.core.geometry import Frame
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import fit
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData, InvalidPlan
+from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan

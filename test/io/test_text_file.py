@@ -15,7 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from rosette_ros.archive.run_adding import find_logs
-from rosette_ros.core.errors import CellError, InvalidData
+from rosette_ros.core.run.errors import CellError, InvalidData
 from rosette_ros.io.ball_centre_table import read_csv
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter, whole_log
@@ -31,7 +31,7 @@ COMMAND = 'import sys; from rosette_ros.cli.main import main; sys.exit(main())'
 READERS = '''
 import sys
 from pathlib import Path
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.run.errors import RosetteError
 from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.io import budget_file, identity_file, log_reader, model_file, plan_file, plate_file
 from rosette_ros.presentation.report import provenance, verification

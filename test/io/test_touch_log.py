@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from touched_log import write_touched_log
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io import log_reader
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.log_reader import decoded, read_log

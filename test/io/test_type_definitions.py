@@ -11,7 +11,7 @@ from mcap_ros2._dynamic import generate_dynamic
 from mcap_ros2._vendor.rosidl_adapter import parser
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.io.type_definitions import DELIMITER, TypeLibrary
 
 PACKAGES = ('rosette_msgs', 'std_msgs', 'std_srvs', 'geometry_msgs', 'action_msgs', 'tf2_msgs',

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rosette_ros.cli.main import main
-from rosette_ros.core.records import Run, in_time
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import Run, in_time
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv
 
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.log_writer import LogWriter, whole_log
 
 COMMAND = 'import sys; from rosette_ros.cli.main import main; sys.exit(main())'

@@ -5,7 +5,7 @@ from functools import partial
 
 from rosette_msgs.msg import ProbeTarget
 
-from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.run.errors import InvalidPlan
 from rosette_ros.nodes import names
 from rosette_ros.nodes.base_node import run_node
 from rosette_ros.nodes.simulated_cmm import SimulatedCmm

@@ -7,9 +7,9 @@ from rosette_msgs.srv import EvaluateJointly
 
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import CellClient
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan

@@ -8,7 +8,7 @@ from rosette_msgs.msg import JointEvaluation
 from rosette_msgs.srv import EvaluateJointly
 
 from rosette_ros.cell.client import CellClient
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import iter_log, read_log
 
 pytestmark = pytest.mark.long

@@ -17,9 +17,9 @@ from rosette_msgs.msg import ErrorMotions, Run, RunState
 
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import CellClient
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.touch_log import open_refitted

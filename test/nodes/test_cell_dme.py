@@ -20,8 +20,8 @@ from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cell.supervisor import DME_CMM, cell_environment
 from rosette_ros.core.diagnosis.verdict import Outcome
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.records import remove_gauge
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.records import remove_gauge
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.dme_settings import load_dme_settings, sequencer_parameters
 from rosette_ros.dme.stop_mark import StopMark

@@ -18,7 +18,7 @@ from rosette_msgs.srv import CheckPlan, StartRecording
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import conversions, names, qos

@@ -14,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from rosette_ros.cell.client import CellClient
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names

@@ -14,7 +14,7 @@ import pytest
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import cell_environment
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names
 

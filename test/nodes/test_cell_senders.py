@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES, Cell, cell_environment
 from rosette_ros.cli.cell import refuse_second_cell
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names, qos

@@ -9,7 +9,7 @@ from rclpy.parameter import Parameter
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cli.hidden_demo import compare
-from rosette_ros.core.axes import axis_rotation
+from rosette_ros.core.run.axes import axis_rotation
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.simulation import load_machine

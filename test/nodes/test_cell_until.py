@@ -20,7 +20,7 @@ from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES
 from rosette_ros.cli.main import main
 from rosette_ros.cli.replay import decisions_of
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase, answer_of
 from rosette_ros.nodes import names, qos

@@ -16,11 +16,11 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.analysis import analyse
 from rosette_ros.calibration.calibration_plan import plan_calibration
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.model import Model as CoreModel
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.bag_metadata import INFINITE, Qos
 from rosette_ros.io.messages import STATUS_OK, Answer, answer_of, nanoseconds, table_frame_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers

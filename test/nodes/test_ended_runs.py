@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.cell.client import CellClient
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import read_log
 
 FOOT = 8  # bytes by which a closed log ends

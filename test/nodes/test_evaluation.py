@@ -11,10 +11,10 @@ from rosette_msgs.srv import AddEffect
 
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.verdict import noise_facts
-from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData, InvalidModel, NotDeterminable
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.model_file import parse_entry
 from rosette_ros.nodes import conversions
 from rosette_ros.nodes.evaluation import ModelInUse, extended

@@ -5,7 +5,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rosette_msgs.msg import BallCentre, ProbeTarget, RunState
 
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions

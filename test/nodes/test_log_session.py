@@ -4,7 +4,7 @@
 import pytest
 from mcap.reader import make_reader
 
-from rosette_ros.core.errors import CellError, InvalidData
+from rosette_ros.core.run.errors import CellError, InvalidData
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_reader import iter_log
 from rosette_ros.io.type_definitions import TypeDefinition

@@ -8,8 +8,8 @@ from rosette_msgs.msg import Block
 from rosette_msgs.srv import NextReadings
 
 from rosette_ros.calibration.state_machine import Remark, Until
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.nodes.node_requests import NextBlock
 
 WORDS = 'the CMM cannot measure this plan: no way to ball 2'

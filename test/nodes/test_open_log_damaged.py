@@ -14,7 +14,7 @@ from rosette_msgs.msg import (
 from rosette_msgs.srv import Diagnose, Recorded
 from service_msgs.msg import ServiceEventInfo
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.nodes.interfaces import decoded

@@ -10,7 +10,7 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.nodes import base_node, evaluator, recorder, sequencer, simulated_cmm
 from rosette_ros.nodes.base_node import CellNode
 

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes.log_session import find_part, next_part, parts_of, recall
 
@@ -42,7 +42,7 @@ def test_a_log_of_other_messages_is_not_gone_on_with(tmp_path, monkeypatch):
     """Its bytes mean something else; it can still be evaluated."""
     import os
 
-    from rosette_ros.core.records import Run
+    from rosette_ros.core.run.records import Run
     from rosette_ros.io.run_to_log import write_log
 
     library = TypeLibrary.from_environment(os.environ)

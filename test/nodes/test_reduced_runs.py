@@ -9,10 +9,10 @@ import pytest
 from rosette_ros.analysis import analyse
 from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CellClient
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.reduced_sets import relative_uncertainty
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.reduced_sets import relative_uncertainty
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan

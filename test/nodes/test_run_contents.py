@@ -9,7 +9,7 @@ from rosette_msgs.srv import Recorded, StopRecording
 from service_msgs.msg import ServiceEventInfo
 from std_msgs.msg import Header
 
-from rosette_ros.core.geometry import Frame
+from rosette_ros.core.run.geometry import Frame
 from rosette_ros.nodes import conversions
 from rosette_ros.nodes.log_session import RunContents
 

@@ -12,9 +12,9 @@ from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.cell.supervisor import cell_environment
-from rosette_ros.core.correction import Correction
-from rosette_ros.core.geometry import TWO_PI, Frame, rotate_z, rotation_matrix
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.run.geometry import TWO_PI, Frame, rotate_z, rotation_matrix
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.table.correction import Correction
 from rosette_ros.io.correction_file import format_correction
 
 NODE = [sys.executable, '-m', 'rosette_ros.nodes.table_corrector', '--ros-args', '-r', '__ns:=/rosette']

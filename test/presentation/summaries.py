@@ -4,7 +4,7 @@
 import functools
 
 from rosette_ros.analysis import analyse, summarise
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.simulation import Machine, MachineConfig
 

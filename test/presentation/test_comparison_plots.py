@@ -9,9 +9,9 @@ from types import SimpleNamespace as record
 import numpy as np
 import pytest
 
-from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.run.records import CURVES
 from rosette_ros.presentation.plots import comparison_plots
 from rosette_ros.presentation.plots.plot_style import figure, label_of, scale
 from rosette_ros.presentation.plots.result_plots import differences

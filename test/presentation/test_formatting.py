@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from rosette_ros.core.axes import axis_rotation, taught_frame
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import planned_run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.axes import axis_rotation, taught_frame
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.formatting import SCALES, model_words, scale_of, setting_words
 

@@ -8,7 +8,7 @@ import numpy as np
 from rosette_ros.analysis import evaluate_jointly
 from rosette_ros.core.joint.conclusion import JointOutcome, conclude
 from rosette_ros.core.joint.readings import Readings
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.presentation.joint_results import joint_json, joint_rows
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables

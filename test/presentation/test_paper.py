@@ -14,7 +14,7 @@ from pypdfium2 import raw
 from summaries import summary_of
 
 from rosette_ros.analysis import summarise
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.formatting import MEANINGS
 from rosette_ros.presentation.report import Source, report_html

@@ -8,7 +8,7 @@ import pytest
 from figure_texts import faults
 
 from rosette_ros.core.planning.plan_comparison import outlook, point_of
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation.plots.plan_plots import pairs_in_order, shares_of_plans, uncertainty_by_share
 
 

@@ -8,8 +8,8 @@ from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_rgb
 from matplotlib.quiver import Quiver
 
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation.plots.plot_style import DARK, FAINT, INK
 from rosette_ros.presentation.plots.residual_plots import Residuals, against, histogram, residual_maps, section_means
 from rosette_ros.presentation.plots.result_plots import deviations, scale_arrow

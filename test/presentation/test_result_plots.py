@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, clamping, nominal_angles
-from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import TWO_PI, clamping, nominal_angles
+from rosette_ros.core.run.records import CURVES, ErrorMotions
 from rosette_ros.presentation.formatting import clamping_words
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series, deviations, polar_motions, six_curves

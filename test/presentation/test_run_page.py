@@ -10,7 +10,7 @@ from page_reader import Page
 from summaries import summary_of
 
 from rosette_ros.analysis import Summary, summarise
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.plots.result_plots import Series

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from summaries import summary_of, verification_runs
 
-from rosette_ros.core.geometry import rigid_motion
 from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.core.run.geometry import rigid_motion
 from rosette_ros.presentation.json_output import diagnosis_json, evaluation_json
 from rosette_ros.presentation.report.verification import verification_tables, verify
 from rosette_ros.presentation.table_format import Table, column, words

@@ -8,7 +8,7 @@ from page_reader import Page
 from touched_log import write_touched_log
 
 from rosette_ros.analysis import summarise
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation.plots.touch_plots import MOST_DOTS, touch_residuals
 from rosette_ros.presentation.report import Source, open_source, report_html

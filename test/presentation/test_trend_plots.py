@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from figure_texts import faults, texts_of
 
-from rosette_ros.core.trend import Event, Forecast
+from rosette_ros.core.table.trend import Event, Forecast
 from rosette_ros.presentation.trend_results import ranges_over_time
 
 RUNS = 20

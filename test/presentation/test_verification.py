@@ -8,9 +8,9 @@ from summaries import verification_runs
 
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.verdict import Level
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.records import CURVES, remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.records import CURVES, remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.presentation.report.verification import MakerTable, read_maker, verification_html, verify
 from rosette_ros.simulation import Machine, MachineConfig

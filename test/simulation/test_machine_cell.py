@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ideal_cell import ideal_cell
 
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import ORDERS, plan, unwrap_travel
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import ORDERS, plan, unwrap_travel
 from rosette_ros.simulation import BallNotFound, Machine, MachineConfig
 
 NOISELESS = {'probing': {'repeatability_um': 0.0}}

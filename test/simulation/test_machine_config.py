@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ideal_cell import ideal_cell
 from pydantic import ValidationError
 
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.simulation import MachineConfig, load_machine, machine_config
 
 SHIPPED = Path(__file__).parents[2] / 'config' / 'machine.yaml'

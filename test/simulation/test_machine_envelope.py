@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.envelope import open_envelope, seal_envelope
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ideal_cell import ideal_cell
 
-from rosette_ros.core.records import CURVES
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden_effect import Draw, HiddenEffect, Situation
 from rosette_ros.simulation.hidden_kinds import KINDS, NAMED, HiddenBallForm

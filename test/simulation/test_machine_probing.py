@@ -9,8 +9,8 @@ from ideal_cell import ideal_cell
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from rosette_ros.core.geometry import rotate_z
-from rosette_ros.core.touches import centre_factors, fit_spheres
+from rosette_ros.core.run.geometry import rotate_z
+from rosette_ros.core.run.touches import centre_factors, fit_spheres
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.machine import rotated
 from rosette_ros.simulation.probing import ProbingSettings, TouchPattern, contact

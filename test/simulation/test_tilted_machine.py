@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import diagnose
-from rosette_ros.core.axes import axis_rotation
-from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.model.least_squares import fit
-from rosette_ros.core.records import remove_gauge
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.axes import axis_rotation
+from rosette_ros.core.run.errors import InvalidConfig
+from rosette_ros.core.run.records import remove_gauge
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import BallNotFound, Machine, MachineConfig
 
 N, SEEDS = 6, 20

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.touches import fit_spheres
+from rosette_ros.core.run.geometry import TWO_PI
+from rosette_ros.core.run.touches import fit_spheres
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.touch_by_touch import TouchByTouch
 

@@ -12,7 +12,7 @@ import pytest
 from page_steps import judged
 from playwright.sync_api import expect
 
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
 

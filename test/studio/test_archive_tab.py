@@ -8,10 +8,10 @@ from playwright.sync_api import expect
 
 from rosette_ros.archive.run_adding import add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.records import ErrorMotions
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.simulation import Machine, MachineConfig

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, Target
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.live_state import CellState, CellView, Fault, Health, ReadingPlace

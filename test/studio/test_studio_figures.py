@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase, Target
 from rosette_ros.presentation.formatting import signed
 from rosette_ros.presentation.plots.plot_style import AFTER

@@ -9,7 +9,7 @@ from page_steps import choose_run, judged, open_path
 from playwright.sync_api import expect
 
 from rosette_ros.analysis import summarise
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.formatting import MEANINGS, words_of

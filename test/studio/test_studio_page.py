@@ -6,7 +6,7 @@ from page_steps import choose, choose_run, judged, open_path
 from playwright.sync_api import expect
 
 from rosette_ros.cli.main import main
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
 

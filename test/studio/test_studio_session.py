@@ -15,9 +15,9 @@ import pytest
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, STEPS, analyse, summarise
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
-from rosette_ros.core.errors import InvalidData, InvalidModel
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.errors import InvalidData, InvalidModel
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.presentation.report import open_source
 from rosette_ros.simulation import Machine, MachineConfig

@@ -9,7 +9,7 @@ import numpy as np
 from nicegui import Client
 from nicegui.page import page
 
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.plan_file import parse_plan
 from rosette_ros.presentation.report import Source
 from rosette_ros.simulation import Machine, MachineConfig

@@ -13,7 +13,7 @@ from rosette_ros.core.diagnosis.verdict import Interval, MissingEffect, Outcome,
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import Parameter
-from rosette_ros.core.stated_environment import Unseen
+from rosette_ros.core.uncertainty.stated_environment import Unseen
 from rosette_ros.presentation.formatting import glued
 from rosette_ros.words.effect_words import minutes_words
 from rosette_ros.words.verdict_words import (

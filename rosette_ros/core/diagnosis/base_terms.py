@@ -9,7 +9,7 @@ import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import BASE_TERMS
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.records import Run
 
 CLAIM_BASE = 1e-4
 """Probability below which a term of the base model is claimed."""

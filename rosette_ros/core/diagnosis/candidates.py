@@ -10,8 +10,8 @@ import numpy as np
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation, cross_validation_rms
 from rosette_ros.core.diagnosis.log_evidence import Member, State
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import Parameter, fit
+from rosette_ros.core.run.errors import NotDeterminable
 
 if TYPE_CHECKING:
     from rosette_ros.core.diagnosis.diagnosis import RunSearch

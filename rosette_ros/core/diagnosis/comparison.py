@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.diagnosis.bank import Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.noise import AXES, places
-from rosette_ros.core.records import Floats, Ints, remove_gauge
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import Floats, Ints, remove_gauge
+from rosette_ros.core.sight.bank import Reals
 
 DRAWS = 400
 NO_RESIDUAL = 1e-290  # square sum that stands for none, m²

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import Reals
 from rosette_ros.core.model.least_squares import Fit, JointSpace
-from rosette_ros.core.records import Floats, Ints
+from rosette_ros.core.run.records import Floats, Ints
+from rosette_ros.core.sight.bank import Reals
 
 FOLDS = 8
 LARGEST = 100

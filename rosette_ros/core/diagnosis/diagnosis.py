@@ -12,7 +12,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import Bank, families_of, why_not_judged
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import Candidate, candidates_of
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of, moments_of
@@ -35,15 +34,16 @@ from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
 from rosette_ros.core.effects.free import PLACES, moving_bodies
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.mixture import total
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
-from rosette_ros.core.model.surroundings import unseen
-from rosette_ros.core.planning.visibility import strongest_first
-from rosette_ros.core.records import Floats, Run, resolution_of
+from rosette_ros.core.run.errors import InvalidData, NotDeterminable
+from rosette_ros.core.run.records import Floats, Run, resolution_of
+from rosette_ros.core.sight.bank import Bank, families_of, why_not_judged
+from rosette_ros.core.sight.visibility import strongest_first
+from rosette_ros.core.uncertainty.hidden_effects import unseen
+from rosette_ros.core.uncertainty.mixture import total
 
 GUARD = 0.05
 """Search-wide probability of noise alone above which no name is claimed, whatever it is worth, and no effect of a

@@ -5,18 +5,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace
 from rosette_ros.core.diagnosis.hypotheses import refined
 from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, State
 from rosette_ros.core.diagnosis.verdict import Interval
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.run_functions import around, beside, seconds
-from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.least_squares import Fit, JointSpace, fit, refused_as_hidden
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.errors import InvalidModel, NotDeterminable
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace
 
 RELINEARISED = 4
 """How often a search is made again with the second-order terms of what it found."""

@@ -13,11 +13,11 @@ from operator import attrgetter
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import CauseFamily
 from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, Suggestion
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
-from rosette_ros.core.records import Floats, Ints
+from rosette_ros.core.run.records import Floats, Ints
+from rosette_ros.core.sight.bank import CauseFamily
 
 MOST = 5
 """Families of members of a hypothesis, and exchanges in it, at most."""

@@ -20,10 +20,10 @@ from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 
 Place = tuple[CauseFamily, Setting]
 """A family at a setting."""

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import columns_of
 from rosette_ros.core.diagnosis.hypotheses import Looked, Search
 from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, State
 from rosette_ros.core.diagnosis.noise_kinds import LEAST, NOT_WHITE, Beside, NoiseKinds
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
-from rosette_ros.core.records import resolution_of
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import resolution_of
+from rosette_ros.core.sight.bank import columns_of
 
 NOISELESS = 1e-10
 """Noise, m, below which none is looked for: a tenth of a nanometre is negligible."""

@@ -19,11 +19,11 @@ import scipy.linalg
 from scipy.special import digamma, gammaln
 
 from rosette_ros.core.diagnosis.log_evidence import NEAR, log_mean
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import NOISE_TERMS
 from rosette_ros.core.model.noise import Noise, Whitening, places
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import Floats, Ints, Run
 
 NOT_WHITE = 0.2
 """Share of the runs whose noise is not white and equal, shared out evenly over its kinds."""

@@ -7,7 +7,7 @@ from scipy.special import fdtrc, gammaln
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by
 from rosette_ros.core.diagnosis.noise_kinds import DEGREES, EXACT, NOT_WHITE
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.records import Floats, resolution_of
+from rosette_ros.core.run.records import Floats, resolution_of
 
 DRAWS, PARTS = 100, 5
 """Runs of noise, and in how many parts they are looked at, one after the other, to save memory."""

@@ -14,7 +14,7 @@ from rosette_ros.core.diagnosis.verdict import SURE
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, PLACES, variables
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.records import Floats, Run
 
 CLAIM = 0.7
 """Probability of a cause, with what this run cannot tell from it, from which on it is claimed."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of, scaled
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Member, State
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES, motions, place_of, variables
-from rosette_ros.core.records import Floats, in_time
+from rosette_ros.core.run.records import Floats, in_time
+from rosette_ros.core.sight.bank import CauseFamily, columns_of, scaled
 
 MOST_POINTS = 200
 

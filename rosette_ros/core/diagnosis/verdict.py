@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from rosette_ros.core.records import ROUNDED, UNIT_DOUBT, Floats, Run, resolution_of
-from rosette_ros.core.stated_environment import Unseen
+from rosette_ros.core.run.records import ROUNDED, UNIT_DOUBT, Floats, Run, resolution_of
+from rosette_ros.core.uncertainty.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.diagnosis.posterior import Cause, Claim

@@ -11,7 +11,7 @@ from rosette_ros.core.effects.courses import ONE_BALL, STANDING, TRAVELLING, Alo
 from rosette_ros.core.effects.effect import Bracket, Course, Quantity, Searched, Setting, grid
 from rosette_ros.core.effects.motions import BALL, last_moves
 from rosette_ros.core.effects.run_functions import duration, seconds
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.run.records import Floats, Ints, Run
 
 
 class OneBall(Course):

@@ -11,8 +11,8 @@ import numpy as np
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import LEAST_KNOWN, Bracket, Course, Quantity, Searched, Setting, grid
 from rosette_ros.core.effects.run_functions import between_readings, duration, seconds, temperature_change
-from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.geometry import TWO_PI
+from rosette_ros.core.run.records import Floats, Run
 
 SHORTEST = 3
 """Readings that something which passes has at least: fewer are wrong readings."""

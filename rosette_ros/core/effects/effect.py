@@ -15,10 +15,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rosette_ros.core.axes import UPRIGHT, tilt
 from rosette_ros.core.effects.run_functions import BodyMotion, beside, between_readings, seconds
-from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.run.axes import UPRIGHT, tilt
+from rosette_ros.core.run.errors import InvalidModel
+from rosette_ros.core.run.records import Floats, Ints, Run
 
 UNRECORDED = {
     'table_travel': 'readings are missing, and the run does not record how far the table turned meanwhile',

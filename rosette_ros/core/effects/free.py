@@ -15,8 +15,8 @@ import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import Effect, Factors, Quantity, Searched, Setting
-from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.run.errors import InvalidModel
+from rosette_ros.core.run.records import Floats, Ints, Run
 
 NAME = 'free'
 TIMES = ' × '

@@ -11,8 +11,8 @@ from rosette_ros.core.effects import courses as of
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Effect, PhysicalEffect, Quantity
 from rosette_ros.core.effects.free import FREE
-from rosette_ros.core.errors import InvalidModel, unknown_name
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.errors import InvalidModel, unknown_name
+from rosette_ros.core.run.records import Run
 
 EFFECTS: dict[str, PhysicalEffect] = {one.name: one for one in (
     PhysicalEffect('frame_drift', move.FrameAxes(), of.Drift(), Quantity('d', 'm/s', 'drift rate along'),

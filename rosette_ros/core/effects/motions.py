@@ -11,8 +11,8 @@ import numpy as np
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import Bracket, Motion, Quantity, Searched, Setting, grid, per_axis
 from rosette_ros.core.effects.run_functions import BodyMotion
-from rosette_ros.core.geometry import rotate_z
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.geometry import rotate_z
+from rosette_ros.core.run.records import Floats, Run
 
 BALL = Searched('ball', '1', 'number of the ball, 0 for all balls, each by its own amount')
 UNKNOWN = 'unknown'

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from rosette_ros.core import axes
-from rosette_ros.core.geometry import radial as radial
-from rosette_ros.core.records import Bools, Floats, Run
+from rosette_ros.core.run import axes
+from rosette_ros.core.run.geometry import radial as radial
+from rosette_ros.core.run.records import Bools, Floats, Run
 
 COARSE = 4
 """Readings of one temperature in a row, on average, above which it is taken as rounded."""

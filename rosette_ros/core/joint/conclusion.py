@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.joint.joint_evaluation import JointResult
-from rosette_ros.core.stated_environment import Unseen
+from rosette_ros.core.uncertainty.stated_environment import Unseen
 
 
 class JointOutcome(StrEnum):

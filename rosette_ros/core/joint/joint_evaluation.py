@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core import axes
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import Floats, Frame
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
 from rosette_ros.core.joint.knowledge import Knowledge, angles_of_one_sense, knowledge, pairs_of_senses
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import ITEMS, Sharing, apart
 from rosette_ros.core.model.least_squares import UNLIKELY
-from rosette_ros.core.model.surroundings import MATTERS, hidden_covariance
-from rosette_ros.core.records import CURVES, ErrorMotions
-from rosette_ros.core.stated_environment import LABORATORY, Environment, Unseen
+from rosette_ros.core.run import axes
+from rosette_ros.core.run.errors import InvalidData, NotDeterminable
+from rosette_ros.core.run.geometry import Floats, Frame
+from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.hidden_effects import MATTERS, hidden_covariance
+from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Environment, Unseen
 
 EXACT = 1e9
 NO_NOISE = 1e-12

@@ -25,11 +25,11 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
-from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import SAME_ANGLE, TWO_PI, Floats, Ints, rotate_z, wrap
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import SEATS, Sharing
 from rosette_ros.core.model.kinematics import moved, on_table
+from rosette_ros.core.run.errors import InvalidData, NotDeterminable
+from rosette_ros.core.run.geometry import SAME_ANGLE, TWO_PI, Floats, Ints, rotate_z, wrap
 
 SAME_PLACE = 1e-4
 """Nominal places of the CMM that are nearer to each other are one, m."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rosette_ros.core.geometry import SAME_ANGLE, Floats, Ints, wrap
 from rosette_ros.core.joint.joint_model import JointSolution, TableSet, tilts
+from rosette_ros.core.run.geometry import SAME_ANGLE, Floats, Ints, wrap
 
 SEEN = 1e-6
 """Part of a hidden direction below which a quantity is not touched by it."""

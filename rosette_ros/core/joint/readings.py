@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Bools, Floats, Frame, Ints, nominal_angles, radial
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Bools, Floats, Frame, Ints, nominal_angles, radial
+from rosette_ros.core.run.records import Run
 
 OFF_PLACE = 1e-3
 """How far a ball may be from its place on a circle of equal steps, m: less is a deviation of the plate."""

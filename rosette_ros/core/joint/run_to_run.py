@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from rosette_ros.core import error_summary as summary
-from rosette_ros.core.error_summary import AxisError, SphereErrors, error_lines, extremes, four_axis_errors
-from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import Floats, nominal_angles, same_angles
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
 from rosette_ros.core.joint.sharing import Sharing
-from rosette_ros.core.records import ErrorMotions, remove_gauge
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.geometry import Floats, nominal_angles, same_angles
+from rosette_ros.core.run.records import ErrorMotions, remove_gauge
+from rosette_ros.core.uncertainty import error_summary as summary
+from rosette_ros.core.uncertainty.error_summary import AxisError, SphereErrors, error_lines, extremes, four_axis_errors
 
 
 def joint_lines(result: JointResult, tolerances: Mapping[str, float] | None = None,

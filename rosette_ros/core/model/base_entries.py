@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rosette_ros.core.errors import InvalidPlan, counted
-from rosette_ros.core.geometry import Floats, Ints, nominal_angles
 from rosette_ros.core.model.model import BASE_TERMS
-from rosette_ros.core.scheme import Scheme, cmm_position
+from rosette_ros.core.run.errors import InvalidPlan, counted
+from rosette_ros.core.run.geometry import Floats, Ints, nominal_angles
+from rosette_ros.core.run.scheme import Scheme, cmm_position
 
 TERM = np.array([0, 0, 0, 1, 2, 0, 0, 0, 1, 1, 2, 2])
 """The base term of each block of n unknowns: ctz, R crx, R cry, P_z, M_z; ctx, cty, R crz, P_x, P_y, M_x, M_y."""

@@ -26,12 +26,12 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, pairs, unseen
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.model.waves import Waves
-from rosette_ros.core.records import CURVES, Bools, Floats, Ints, Run
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import CURVES, Bools, Floats, Ints, Run
 
 GAUGE = (
     'means of ctx, cty, ctz, crx, cry, crz',

@@ -5,7 +5,7 @@ Points, rotation vectors and shifts are (..., 3) and broadcast; m and rad."""
 
 import numpy as np
 
-from rosette_ros.core.geometry import Floats, nominal_angles, rotate_z, rotation_matrix
+from rosette_ros.core.run.geometry import Floats, nominal_angles, rotate_z, rotation_matrix
 
 
 def moved(points: Floats, rotation: Floats, shift: Floats | float = 0.0) -> Floats:

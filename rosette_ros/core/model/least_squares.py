@@ -19,8 +19,6 @@ from scipy import special
 from rosette_ros.core.effects.effect import Searched, Setting
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.effects.run_functions import BodyMotion
-from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import TWO_PI, radial
 from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
@@ -32,8 +30,10 @@ from rosette_ros.core.model.second_order import (
     second_order,
     turned_plate,
 )
-from rosette_ros.core.number_words import micrometres
-from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run, in_time
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.geometry import TWO_PI, radial
+from rosette_ros.core.run.number_words import micrometres
+from rosette_ros.core.run.records import ErrorMotions, Floats, Ints, Run, in_time
 
 HIDDEN = 1e-6
 """Visible share below which an effect is taken as hidden altogether (rounding is 1e-15)."""

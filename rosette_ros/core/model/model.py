@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from rosette_ros.core.effects.custom import CustomTerm
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
-from rosette_ros.core.errors import InvalidModel, kind_of, unknown_name
+from rosette_ros.core.run.errors import InvalidModel, kind_of, unknown_name
 
 SCHEMA = 'rosette-model/1'
 BASE_TERMS = ('table_motions', 'plate_deviations', 'cmm_deviations')

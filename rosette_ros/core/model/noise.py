@@ -22,7 +22,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.run.records import Floats, Ints, Run
 
 AXES = ('x', 'y', 'z')
 CHECK = 10

@@ -13,10 +13,10 @@ that it consists of is known: by Gauss and Newton, from fit to fit.
 import numpy as np
 
 from rosette_ros.core.effects.run_functions import BodyMotion
-from rosette_ros.core.geometry import nominal_angles, radial, rotate_z
 from rosette_ros.core.model.base_space import BaseParameters, BaseSpace
 from rosette_ros.core.model.kinematics import axis_tilt, moved, on_table
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.geometry import nominal_angles, radial, rotate_z
+from rosette_ros.core.run.records import Floats, Run
 
 NEGLIGIBLE = 1e-9
 """Second-order terms that change neither curves nor residuals by more, m, are left out,"""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rosette_ros.core.model.noise import Real
-from rosette_ros.core.records import Ints
+from rosette_ros.core.run.records import Ints
 
 
 @dataclass(frozen=True, eq=False)

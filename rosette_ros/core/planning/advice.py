@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.model.surroundings import expected_u
-from rosette_ros.core.planning.visibility import Share, Visibility, visibility, visible_share, visible_shares
-from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
-from rosette_ros.core.stated_environment import Environment
-from rosette_ros.core.touches import USUAL, USUAL_PACE, Pace
+from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
+from rosette_ros.core.run.touches import USUAL, USUAL_PACE, Pace
+from rosette_ros.core.sight.visibility import Share, Visibility, visibility, visible_share, visible_shares
+from rosette_ros.core.uncertainty.hidden_effects import expected_u
+from rosette_ros.core.uncertainty.stated_environment import Environment
 
 VARIANTS = tuple((order, turning) for order in ORDERS for turning in ('forward', 'alternate')
                  if order != 'row_there_and_back'

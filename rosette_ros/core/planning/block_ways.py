@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rosette_ros.core.geometry import TWO_PI, Floats, Ints
 from rosette_ros.core.planning.advice import times_of
-from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import Scheme, Way
-from rosette_ros.core.touches import USUAL, Pace
+from rosette_ros.core.run.geometry import TWO_PI, Floats, Ints
+from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.scheme import Scheme, Way
+from rosette_ros.core.run.touches import USUAL, Pace
 
 NEXT = 'next'
 """Name of the order of a block."""

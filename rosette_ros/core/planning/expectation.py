@@ -8,10 +8,10 @@ import numpy as np
 from rosette_ros.core.model.base_entries import refuse_undetermined
 from rosette_ros.core.model.base_space import GAUGE, BaseSpace
 from rosette_ros.core.planning.advice import planned_run
-from rosette_ros.core.records import Floats, Run
-from rosette_ros.core.reduced_sets import relative_uncertainty
-from rosette_ros.core.scheme import Scheme
-from rosette_ros.core.touches import USUAL_PACE, Pace, sigma_of_touches
+from rosette_ros.core.run.records import Floats, Run
+from rosette_ros.core.run.reduced_sets import relative_uncertainty
+from rosette_ros.core.run.scheme import Scheme
+from rosette_ros.core.run.touches import USUAL_PACE, Pace, sigma_of_touches
 
 
 @dataclass(frozen=True, eq=False)

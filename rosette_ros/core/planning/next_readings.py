@@ -49,9 +49,9 @@ from rosette_ros.core.planning.predictions import (
     members_of,
     share_of_need,
 )
-from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import Scheme
-from rosette_ros.core.touches import USUAL_PACE, Pace
+from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.scheme import Scheme
+from rosette_ros.core.run.touches import USUAL_PACE, Pace
 
 BLOCK, UNTIL = 12, 0.95
 """Readings of a block, and probability from which on an explanation is settled, unless others are asked for."""

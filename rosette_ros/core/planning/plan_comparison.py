@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidPlan, counted
-from rosette_ros.core.model.surroundings import MOST_BALLS as LARGEST
-from rosette_ros.core.model.surroundings import expected_u
 from rosette_ros.core.planning.advice import GOOD_SHARE, planned_run
 from rosette_ros.core.planning.expectation import Expectation, expect
-from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.core.records import Floats
-from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty, relative_uncertainty
-from rosette_ros.core.scheme import Scheme
-from rosette_ros.core.stated_environment import Environment
-from rosette_ros.core.touches import USUAL_PACE, Pace
+from rosette_ros.core.run.errors import InvalidPlan, counted
+from rosette_ros.core.run.records import Floats
+from rosette_ros.core.run.reduced_sets import best_members, fewest_members, penalty, relative_uncertainty
+from rosette_ros.core.run.scheme import Scheme
+from rosette_ros.core.run.touches import USUAL_PACE, Pace
+from rosette_ros.core.sight.visibility import Visibility, visibility
+from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS as LARGEST
+from rosette_ros.core.uncertainty.hidden_effects import expected_u
+from rosette_ros.core.uncertainty.stated_environment import Environment
 
 NOTICED = 0.02
 """Relative differences of uncertainties and times that are not worth a word."""

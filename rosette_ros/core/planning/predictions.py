@@ -45,7 +45,7 @@ from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.free import FREE, WALK
 from rosette_ros.core.model.least_squares import REFINED, Fit, observed
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.records import Floats, Run
 
 ROUNDS = 3
 """Times that the sizes of members are taken from their amplitudes, from the likeliest one of all members together."""

@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rosette_ros.analysis import LadderStep
-from rosette_ros.core.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.diagnosis.candidates import Candidate
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
-from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import Floats
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.run.records import Floats
+from rosette_ros.core.sight.visibility import Visibility
+from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.tables import nested_names

@@ -16,7 +16,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.ticker import MaxNLocator
 
-from rosette_ros.core.records import Floats
+from rosette_ros.core.run.records import Floats
 from rosette_ros.io.text_file import write_bytes
 
 INK, GRID, GREY = '#222222', '#d9d9d9', '#666666'

@@ -15,7 +15,7 @@ from scipy.special import ndtri
 from rosette_ros.core.diagnosis.recovered_shape import Shape, strongest
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES, places
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, fixed
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.tables import LEAST_NOISE

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from rosette_ros.core.error_summary import AxisError, error_lines, once_per_turn
-from rosette_ros.core.geometry import clamping, nominal_angles
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.run.geometry import clamping, nominal_angles
+from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.uncertainty.error_summary import AxisError, error_lines, once_per_turn
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, clamping_words, curve_scales, fixed, iso_name
 from rosette_ros.presentation.plots import plot_style as style
 

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from rosette_ros.core.geometry import Bools, Floats, Ints
-from rosette_ros.core.sphere_refit import SphereRefit
+from rosette_ros.core.run.geometry import Bools, Floats, Ints
+from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.presentation.formatting import fixed
 from rosette_ros.presentation.plots import plot_style as style
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.run.records import CURVES
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import find_files
 from rosette_ros.io.open_run import has_plate, is_log, open_readings

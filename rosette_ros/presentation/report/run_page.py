@@ -7,19 +7,19 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Summary, stated_budget
-from rosette_ros.core.budget_inputs import BudgetInputs
-from rosette_ros.core.error_summary import difference, doubt_of, fit_lines, refuted
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.model.surroundings import MOST_BALLS
 from rosette_ros.core.planning.next_readings import SettlingStep, steps_of
 from rosette_ros.core.planning.plan_comparison import Point
-from rosette_ros.core.records import ErrorMotions, Run
-from rosette_ros.core.reduced_sets import relative_uncertainty
-from rosette_ros.core.sphere_refit import SphereRefit
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.records import ErrorMotions, Run
+from rosette_ros.core.run.reduced_sets import relative_uncertainty
+from rosette_ros.core.run.sphere_refit import SphereRefit
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.error_summary import difference, doubt_of, fit_lines, refuted
+from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.reading_checks import known_temperatures, temperature_words

@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from scipy import special
 
 from rosette_ros.core.diagnosis.verdict import Level
-from rosette_ros.core.error_summary import peak_to_valley
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import same_angles
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Ints
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import same_angles
+from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Ints
+from rosette_ros.core.uncertainty.error_summary import peak_to_valley
 from rosette_ros.io.text_file import read_limited
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from rosette_ros.core.errors import InvalidData, RosetteError, counted, one_line
-from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.run.errors import InvalidData, RosetteError, counted, one_line
+from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.presentation.plots.plot_style import COLOURS
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, trend_figure

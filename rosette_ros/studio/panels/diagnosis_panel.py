@@ -13,7 +13,7 @@ from rosette_ros.core.diagnosis.verdict import Level, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.planning.next_readings import UNTIL, Contender, in_doubt
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.records import Run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.presentation.formatting import MEANINGS, duration, glued, micro, words_of

@@ -7,9 +7,9 @@ from nicegui import ui
 
 from rosette_ros.analysis import Change
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.error_summary import doubt_of, fit_lines
-from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.uncertainty.error_summary import doubt_of, fit_lines
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.error_results import change_errors, curve_changes, errors
 from rosette_ros.presentation.formatting import FOUND, NOW, words_of

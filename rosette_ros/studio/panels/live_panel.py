@@ -11,10 +11,10 @@ from nicegui import run, ui
 
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.verdict import VerdictText
-from rosette_ros.core.errors import CellError, InvalidData, NotDeterminable, RosetteError, one_line
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.records import ErrorMotions
-from rosette_ros.core.scheme import ORDERS
+from rosette_ros.core.run.errors import CellError, InvalidData, NotDeterminable, RosetteError, one_line
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.run.scheme import ORDERS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress, phase_name
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE, SEQUENCER
 from rosette_ros.presentation.plots.plot_style import AFTER

@@ -10,8 +10,8 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
-from rosette_ros.core.errors import RosetteError, one_line
-from rosette_ros.core.records import Run
+from rosette_ros.core.run.errors import RosetteError, one_line
+from rosette_ros.core.run.records import Run
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.access_control import MOST_UPLOAD, TOO_LARGE

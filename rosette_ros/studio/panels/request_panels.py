@@ -5,13 +5,13 @@ from collections.abc import Awaitable, Callable, Sequence
 
 from nicegui import ui
 
-from rosette_ros.core.error_summary import difference
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.planning.advice import Advice
-from rosette_ros.core.records import ErrorMotions
-from rosette_ros.core.stated_environment import CLASSES
-from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.uncertainty.error_summary import difference
+from rosette_ros.core.uncertainty.stated_environment import CLASSES
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.presentation.budget_results import contributions, hidden_table, stated_inputs
 from rosette_ros.presentation.error_results import differences
 from rosette_ros.presentation.joint_results import joint_errors, joint_rows, reversal_means, sharing_table

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.axes import ALIGNED, cmm_axes, moving_axes
-from rosette_ros.core.errors import InvalidPlan, unknown_name
-from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, radial, rotate_z, wrap
-from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
-from rosette_ros.core.sensitive_order import sensitive
+from rosette_ros.core.run.axes import ALIGNED, cmm_axes, moving_axes
+from rosette_ros.core.run.errors import InvalidPlan, unknown_name
+from rosette_ros.core.run.geometry import TWO_PI, Floats, Ints, nominal_angles, radial, rotate_z, wrap
+from rosette_ros.core.run.interleaved_order import sensitive
+from rosette_ros.core.run.reduced_sets import best_members, fewest_members, penalty
 
 FEWEST = 'fewest'
 """Stands for as few CMM positions or balls as determine the curves."""

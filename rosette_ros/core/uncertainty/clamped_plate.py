@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from rosette_ros.core.geometry import Floats, clamping, nominal_angles
 from rosette_ros.core.model.base_space import BaseParameters, BaseSpace
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.run.geometry import Floats, clamping, nominal_angles
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from rosette_ros.core.axes import iso_names
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Bools, Floats, Ints, nominal_angles, rotate_z, turned_frame, wrap
-from rosette_ros.core.scheme import Way, cmm_position, unknown_sense, unwrap_travel
+from rosette_ros.core.run.axes import iso_names
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import Bools, Floats, Ints, nominal_angles, rotate_z, turned_frame, wrap
+from rosette_ros.core.run.scheme import Way, cmm_position, unknown_sense, unwrap_travel
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
 """Names of the six error motions after VDI/VDE 2617, in the order of every (n, 6) array."""

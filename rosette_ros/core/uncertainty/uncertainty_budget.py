@@ -17,20 +17,20 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
-from rosette_ros.core.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
-from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes, lines_of
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.form_field import form_basis, standard_height
-from rosette_ros.core.geometry import radial, rotate_z
-from rosette_ros.core.mixture import Mixture, total
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
-from rosette_ros.core.model.surroundings import CLAIMED, MOST_BALLS, Surrounded, surrounded
-from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import ErrorMotions, Floats
-from rosette_ros.core.sphere_refit import SphereRefit
-from rosette_ros.core.touches import LEAST_TOUCHES, centre_factors, usual_directions
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import radial, rotate_z
+from rosette_ros.core.run.records import ErrorMotions, Floats
+from rosette_ros.core.run.sphere_refit import SphereRefit
+from rosette_ros.core.run.touches import LEAST_TOUCHES, centre_factors, usual_directions
+from rosette_ros.core.sight.visibility import Visibility
+from rosette_ros.core.uncertainty.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
+from rosette_ros.core.uncertainty.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes, lines_of
+from rosette_ros.core.uncertainty.form_field import form_basis, standard_height
+from rosette_ros.core.uncertainty.hidden_effects import CLAIMED, MOST_BALLS, Surrounded, surrounded
+from rosette_ros.core.uncertainty.mixture import Mixture, total
 
 CHUNK = 256
 """Readings that are propagated together."""

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rosette_ros.core.records import Floats, Run
-from rosette_ros.core.stated_environment import Environment
-from rosette_ros.core.touches import TOUCHES, USUAL
+from rosette_ros.core.run.records import Floats, Run
+from rosette_ros.core.run.touches import TOUCHES, USUAL
+from rosette_ros.core.uncertainty.stated_environment import Environment
 
 
 class Entry(NamedTuple):

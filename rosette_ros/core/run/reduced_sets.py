@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import Floats
+from rosette_ros.core.run.errors import InvalidPlan
+from rosette_ros.core.run.geometry import Floats
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
 TOLERANCE = 1e-9

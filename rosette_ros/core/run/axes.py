@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import Floats, Frame, nominal_angles, rotate_z, rotation_along, rotation_matrix
+from rosette_ros.core.run.errors import InvalidData, NotDeterminable
+from rosette_ros.core.run.geometry import Floats, Frame, nominal_angles, rotate_z, rotation_along, rotation_matrix
 
 LETTERS = 'xyz'
 ALONG = np.deg2rad(10.0)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.geometry import Ints
+from rosette_ros.core.run.geometry import Ints
 
 DIGITS = string.digits + string.ascii_letters + '!#$%&()*+,'
 """Digits of a number below 72, in their order."""

@@ -4,7 +4,7 @@
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.geometry import Floats
+from rosette_ros.core.run.geometry import Floats
 
 DEGREES = (2, 3, 4, 5)
 """Degree 0 is the radius, degree 1 a shift of the centre."""

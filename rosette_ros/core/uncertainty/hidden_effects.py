@@ -25,14 +25,14 @@ from scipy.linalg import cho_factor, cho_solve
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
 from rosette_ros.core.effects.library import EFFECTS, effects_of
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.geometry import rotate_z
-from rosette_ros.core.mixture import Mixture
 from rosette_ros.core.model.least_squares import HIDDEN, REFINED, Fit, observed
 from rosette_ros.core.model.least_squares import fit as fit_of
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
-from rosette_ros.core.scheme import nominal_places
-from rosette_ros.core.stated_environment import KINDS, LABORATORY, Environment, Unseen
+from rosette_ros.core.run.geometry import rotate_z
+from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
+from rosette_ros.core.run.scheme import nominal_places
+from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.mixture import Mixture
+from rosette_ros.core.uncertainty.stated_environment import KINDS, LABORATORY, Environment, Unseen
 
 EXPECTED = 2.0
 """Effects that are there in a run, of all that may be."""

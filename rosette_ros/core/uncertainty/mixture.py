@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.records import Floats
+from rosette_ros.core.run.records import Floats
 
 MOST_PARTS = 10
 """Parts that may be there or not and are told apart; the smaller ones are taken as normal."""

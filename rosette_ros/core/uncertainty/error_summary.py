@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rosette_ros.core.geometry import Floats, same_angles
-from rosette_ros.core.mixture import Mixture
-from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.core.run.geometry import Floats, same_angles
+from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.uncertainty.mixture import Mixture
 
 if TYPE_CHECKING:  # what only shows results starts without the least squares
     from rosette_ros.core.diagnosis.verdict import Judged
     from rosette_ros.core.joint.conclusion import Conclusion
     from rosette_ros.core.model.least_squares import Fit
-    from rosette_ros.core.uncertainty_budget import Budget
+    from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 
 COVERAGE_FACTOR = 2
 """k of expanded uncertainties, about 95 % (GUM 6.2)."""

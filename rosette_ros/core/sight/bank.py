@@ -22,7 +22,7 @@ from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.model.waves import Waves
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.run.records import Floats, Ints, Run
 
 Reals = NDArray[np.floating[Any]]
 Key = tuple[int, bool]

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.budget_inputs import temperature_course
-from rosette_ros.core.budget_lines import root_mean
-from rosette_ros.core.form_field import form_basis, standard_height
-from rosette_ros.core.geometry import radial, rotate_z, rotation_matrix
 from rosette_ros.core.model.base_space import BaseParameters
 from rosette_ros.core.model.least_squares import observed
 from rosette_ros.core.model.second_order import beyond_linear
-from rosette_ros.core.records import Floats
-from rosette_ros.core.touches import fit_spheres
-from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, form_directions
+from rosette_ros.core.run.geometry import radial, rotate_z, rotation_matrix
+from rosette_ros.core.run.records import Floats
+from rosette_ros.core.run.touches import fit_spheres
+from rosette_ros.core.uncertainty.budget_inputs import temperature_course
+from rosette_ros.core.uncertainty.budget_lines import root_mean
+from rosette_ros.core.uncertainty.form_field import form_basis, standard_height
+from rosette_ros.core.uncertainty.uncertainty_budget import PROBABILITY, Budget, form_directions
 
 REACH = 0.01
 """Distance of the tip's centre from that of the ball when it touches, m: a ball of 15 mm, a tip of 5 mm."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.run.errors import NotDeterminable
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, rotate_z
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import TWO_PI, rotate_z
+from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats
 
 LEAST_ANGLES = 5
 LEAST_OFF = 0.1

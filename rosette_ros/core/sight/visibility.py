@@ -12,13 +12,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.bank import Bank, CauseFamily, CoordinateSpace, why_not_judged
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.model.model import BASE_TERMS
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.run.records import Floats, Run
+from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, why_not_judged
 
 DETECTABLE = 6.0
 """Norm of what is not absorbed, in sigma, that the search finds nearly always."""

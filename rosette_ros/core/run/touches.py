@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rosette_ros.core.geometry import TWO_PI, Floats
+from rosette_ros.core.run.geometry import TWO_PI, Floats
 
 TOUCHES = (6, 8, 9, 12, 16, 20)
 """Numbers of touches of a ball that a plan may have: circles of three (6, 9) or four."""

@@ -21,9 +21,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.records import Floats, Ints
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.geometry import TWO_PI
+from rosette_ros.core.run.records import Floats, Ints
 
 FALSE_EVENTS = 0.002
 """Probability that a history without a change shows one, at one look."""

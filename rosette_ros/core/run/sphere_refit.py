@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.geometry import Floats, Ints, rotate_z
-from rosette_ros.core.touches import LEAST_TOUCHES, fit_spheres, sphere_factors
+from rosette_ros.core.run.geometry import Floats, Ints, rotate_z
+from rosette_ros.core.run.touches import LEAST_TOUCHES, fit_spheres, sphere_factors
 
 FLAT = 1e-4
 """Touches that span less of a direction than this share of the widest one determine no sphere."""

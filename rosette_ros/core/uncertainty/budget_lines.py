@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.budget_inputs import BOUNDS, BudgetInputs
-from rosette_ros.core.errors import InvalidData, unknown
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.model.surroundings import Surrounded, at_ball, source_of
 from rosette_ros.core.planning.advice import GOOD_SHARE
-from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import Floats, remove_gauge
+from rosette_ros.core.run.errors import InvalidData, unknown
+from rosette_ros.core.run.records import Floats, remove_gauge
+from rosette_ros.core.sight.visibility import Visibility
+from rosette_ros.core.uncertainty.budget_inputs import BOUNDS, BudgetInputs
+from rosette_ros.core.uncertainty.hidden_effects import Surrounded, at_ball, source_of
 
 SEEN = 1e-3
 """Ratio to the uncertainty of a point from which on what other explanations add is a line."""
