@@ -20,7 +20,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.geometry import TWO_PI, rotate_z
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.trend import harmonics
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.io.identity_file import Identity
 
 HISTORIES = int(os.environ.get('HISTORIES', '20'))

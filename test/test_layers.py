@@ -20,8 +20,9 @@ FILES = sorted(PACKAGE.rglob('*.py'))
 ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'geometry_msgs',
                  'tf2_msgs', 'diagnostic_msgs', 'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
                  'service_msgs', 'ament_index_python', 'launch', 'launch_ros'))
-SIMULATION_MAY = frozenset(('core.axes', 'core.errors', 'core.geometry', 'core.records', 'core.scheme', 'core.touches',
-                            'core', 'core.correction', 'io.correction_file', 'io.safe_yaml', 'io.text_file'))
+SIMULATION_MAY = frozenset((
+    'core', 'core.run', 'core.run.axes', 'core.run.errors', 'core.run.geometry', 'core.run.records', 'core.run.scheme',
+    'core.run.touches', 'core.table', 'core.table.correction', 'io.correction_file', 'io.safe_yaml', 'io.text_file'))
 """What the simulated machine shares with the evaluation: records, geometry, correction tables, files, no physics."""
 
 ALLOWED = {
@@ -44,6 +45,9 @@ ALLOWED = {
             'dme', 'nodes', 'cell', 'studio', 'cli'},
 }
 """Layer: the layers it may import. Arrows point one way only."""
+
+ROOMS = ('run', 'effects', 'model', 'sight', 'uncertainty', 'diagnosis', ('planning', 'joint', 'table'))
+"""Rooms of the core: each imports only those before it; the last ones do not import each other."""
 
 WITHOUT_ROS = ('core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'archive', 'calibration',
                'dme')
@@ -157,13 +161,38 @@ def test_arrows_point_one_way():
     assert offenders(lambda path: wrong_arrows(layer(path), tree_of(path))) == {}
 
 
-def test_no_module_of_the_nodes_imports_itself_by_others():
-    """Nor for its types only: what others share stands below them."""
-    above = {f'nodes.{path.stem}': {name for name in own(imports(tree_of(path))) if is_module(name)}
-             for path in FILES if layer(path) == 'nodes'}
-    while (free := {name for name, below in above.items() if not below & set(above)}):
-        above = {name: below for name, below in above.items() if name not in free}
-    assert above == {}
+def upward_in_core(room, tree):
+    """Return what a file in a room of the core imports from rooms that are not below it, for types or not."""
+    floors = {name: floor for floor, some in enumerate(ROOMS) for name in ([some] if isinstance(some, str) else some)}
+    rooms = {name: name.split('.')[1] for name in own(imports(tree)) if name.startswith('core.')}
+    return [name for name, other in rooms.items() if other != room and floors[other] >= floors[room]]
+
+
+def test_rooms_of_the_core_import_those_below():
+    """Imports of types included; a new room has to be given its place here, and no module stands beside the rooms."""
+    assert offenders(lambda path: upward_in_core(path.relative_to(PACKAGE).parts[1], tree_of(path))
+                     if path != PACKAGE / 'core' / '__init__.py' else [], 'core') == {}
+
+
+def in_circles(arrows):
+    """Return the modules that import themselves by others: those that stay when what imports nothing of the rest, and
+    what nothing of the rest imports, is taken away again and again."""
+    left = {name: others - {name} for name, others in arrows.items()}
+    while True:
+        imported = set().union(*left.values()) if left else set()
+        kept = {name: others & left.keys() for name, others in left.items()
+                if name in imported and others & left.keys()}
+        if kept == left:
+            return sorted(left)
+        left = kept
+
+
+@pytest.mark.parametrize(('folder', 'name'), [(PACKAGE, 'rosette_ros'), (ROOT / 'benchmarks', 'benchmarks')])
+def test_no_circle(folder, name):
+    """No module imports itself by others, nor for its types only."""
+    modules = {'.'.join((name, *path.relative_to(folder).with_suffix('').parts)): path for path in folder.rglob('*.py')
+               if path.stem != '__init__'}
+    assert in_circles({one: imports(tree_of(path)) & modules.keys() for one, path in modules.items()}) == []
 
 
 def test_core_knows_numbers_only():
@@ -258,6 +287,9 @@ def test_files_are_short():
     (lambda tree: wrong_arrows('io', tree), 'from rosette_ros.nodes import names', ['nodes', 'nodes.names']),
     (lambda tree: wrong_arrows('attic', tree), 'from rosette_ros.core import fit', ['core', 'core.fit']),
     (lambda tree: wrong_arrows('core', tree), 'from . import fit', ['a relative import']),
+    (lambda tree: upward_in_core('model', tree), 'from rosette_ros.core.joint import sharing',
+     ['core.joint', 'core.joint.sharing']),
+    (lambda _: in_circles({'a': {'b'}, 'b': {'c', 'd'}, 'c': {'b'}, 'd': set(), 'e': {'a'}}), '', ['b', 'c']),
     (outside_of_core, 'import rich, time\nprint(1)', ['print', 'rich', 'time']),
     (nested_imports, 'def f():\n    import os', [2]),
     (mcap_imports, 'import mcap_ros2.writer\nfrom mcap.reader import x\nimport mcapx',

@@ -14,10 +14,9 @@ from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.effects.library import EFFECTS, effect
-from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.run.errors import InvalidData, counted, unknown_name
 from rosette_ros.core.run.records import Run
-from rosette_ros.core.sight.visibility import visibility
+from rosette_ros.core.sight.visibility import GOOD_SHARE, visibility
 from rosette_ros.core.uncertainty.hidden_effects import at_ball, kind_of, size_per_rms
 from rosette_ros.core.uncertainty.stated_environment import KINDS, Environment, Size
 from rosette_ros.io.open_run import open_run

@@ -14,7 +14,7 @@ from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.run.errors import InvalidData, counted
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.trend import LEAST_RUNS, Event, Forecast
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 _CHANGES = ', '.join(

@@ -15,9 +15,10 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.records import Floats
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, stated_lines
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
 from rosette_ros.core.uncertainty.stated_environment import Environment
+from rosette_ros.core.uncertainty.uncertainty_budget import stated_lines
 from rosette_ros.io.identity_file import Identity, format_identity
 from rosette_ros.io.reading_checks import known_temperatures
 from rosette_ros.presentation.json_output import CURVE_KEYS

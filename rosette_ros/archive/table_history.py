@@ -16,7 +16,8 @@ from rosette_ros.core.run.geometry import TWO_PI, nominal_angles, rotate_z, wrap
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Ints
 from rosette_ros.core.table import trend
 from rosette_ros.core.table.trend import LEAST_LINE, LEAST_RUNS, Event, Forecast, TimeSeries
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, Conformity, conformity
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import Conformity, conformity
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation import trend_results as results

@@ -15,7 +15,8 @@ from lxml.builder import ElementMaker
 from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, CurveSet, Inputs, Measured, release
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats
 from rosette_ros.core.uncertainty.budget_lines import Contribution
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import DECISION_RULE, AxisError, Conformity
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES, Identity
 from rosette_ros.presentation import formatting as text

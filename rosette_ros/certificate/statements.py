@@ -20,9 +20,9 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import ErrorMotions, Floats, Run
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
-from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of, refuted, stated_lines
+from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of, refuted
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
-from rosette_ros.core.uncertainty.uncertainty_budget import Budget, probability_of_u
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget, probability_of_u, stated_lines
 from rosette_ros.io.budget_file import budget_inputs, environment_of
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity

@@ -27,7 +27,7 @@ from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.run.errors import counted
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.trend import Event
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.io.budget_file import environment_of, format_environment, read_stated
 from rosette_ros.io.identity_file import read_identity

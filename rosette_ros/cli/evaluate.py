@@ -44,7 +44,8 @@ from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_spheres
 from rosette_ros.core.sight.visibility import Visibility, visibility
-from rosette_ros.core.uncertainty.error_summary import ONE_SENSE, doubt_of, fit_lines, four_axis_errors, stated_lines
+from rosette_ros.core.uncertainty.error_summary import ONE_SENSE, doubt_of, fit_lines, four_axis_errors
+from rosette_ros.core.uncertainty.uncertainty_budget import stated_lines
 from rosette_ros.io.open_run import joint_identity, open_run
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import open_refitted

@@ -11,7 +11,7 @@ import yaml
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import CURVES, SI_UNITS, ErrorMotions, Floats
 from rosette_ros.core.table.correction import Correction
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.io.safe_yaml import PlainDumper, is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-correction/1'

@@ -9,7 +9,7 @@ import scipy  # which loads its parts where they are used
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.uncertainty.budget_lines import root_mean
 from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.stated_environment import KINDS, Environment
 from rosette_ros.core.uncertainty.uncertainty_budget import PROBABILITY, Budget
 from rosette_ros.presentation import formatting as text

@@ -8,7 +8,8 @@ import numpy as np
 from rosette_ros.core.run.records import CURVES, SI_UNITS
 from rosette_ros.core.table.correction import Correction
 from rosette_ros.core.table.correction_check import CorrectionCheck
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, error_lines
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import error_lines
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json, plain
 from rosette_ros.presentation.table_format import Field, Table, fields_json, fields_table, words

@@ -11,14 +11,8 @@ import numpy as np
 from rosette_ros.analysis import Change
 from rosette_ros.core.run.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.core.uncertainty import error_summary as summary
-from rosette_ros.core.uncertainty.error_summary import (
-    COVERAGE_FACTOR,
-    DECISION_RULE,
-    SURE,
-    AxisError,
-    Conformity,
-    SphereErrors,
-)
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import DECISION_RULE, SURE, AxisError, Conformity, SphereErrors
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, column, words

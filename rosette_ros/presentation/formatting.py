@@ -20,7 +20,7 @@ from rosette_ros.core.run.number_words import p_words
 from rosette_ros.core.run.number_words import significant as significant
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Run
 from rosette_ros.core.run.scheme import cmm_position
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR as COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR as COVERAGE_FACTOR
 from rosette_ros.words.effect_words import MEANINGS as MEANINGS
 from rosette_ros.words.effect_words import MICRO_DECIMALS as MICRO_DECIMALS
 from rosette_ros.words.effect_words import SCALES as SCALES

@@ -21,10 +21,10 @@ from rosette_ros.core.effects.run_functions import around
 from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
-from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
+from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.run.errors import counted
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
-from rosette_ros.core.sight.visibility import Visibility
+from rosette_ros.core.sight.visibility import GOOD_SHARE, Visibility
 from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
 from rosette_ros.core.uncertainty.error_summary import fit_lines, peak_to_valley
 from rosette_ros.presentation import formatting as text

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from rosette_ros.core.run.errors import counted
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats
 from rosette_ros.core.table.trend import LEAST_LINE, Event, Forecast, Shift
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words
 from rosette_ros.presentation.plots import plot_style as style

@@ -12,7 +12,8 @@ from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import TableTrend, read_history, trend_of
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import ErrorMotions
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, difference
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import difference
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 MOST_LISTED = 1000

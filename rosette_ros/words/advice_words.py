@@ -3,9 +3,9 @@
 
 from collections.abc import Sequence
 
-from rosette_ros.core.planning.advice import AS_MEASURED, GOOD_SHARE, Advice, OrderAdvice
+from rosette_ros.core.planning.advice import AS_MEASURED, Advice, OrderAdvice
 from rosette_ros.core.run.errors import counted
-from rosette_ros.core.sight.visibility import strongest_first
+from rosette_ros.core.sight.visibility import GOOD_SHARE, strongest_first
 from rosette_ros.words.verdict_words import titles
 
 SAME_TIME = 0.1

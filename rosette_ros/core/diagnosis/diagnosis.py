@@ -16,11 +16,11 @@ from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import Candidate, candidates_of
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of, moments_of
 from rosette_ros.core.diagnosis.hypotheses import Search
+from rosette_ros.core.diagnosis.limits import CLAIM, SURE
 from rosette_ros.core.diagnosis.log_evidence import Member, Place, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, noise_beside
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of, p_of_tail
 from rosette_ros.core.diagnosis.posterior import (
-    CLAIM,
     STANDS,
     Cause,
     Claim,
@@ -31,7 +31,7 @@ from rosette_ros.core.diagnosis.posterior import (
     motion_of,
 )
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
-from rosette_ros.core.diagnosis.verdict import SURE, Verdict, decide
+from rosette_ros.core.diagnosis.verdict import Verdict, decide
 from rosette_ros.core.effects.free import PLACES, moving_bodies
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, fit

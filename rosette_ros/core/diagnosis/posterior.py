@@ -9,15 +9,13 @@ from itertools import combinations, product
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.limits import SURE
 from rosette_ros.core.diagnosis.log_evidence import Place
-from rosette_ros.core.diagnosis.verdict import SURE
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, PLACES, variables
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.run.records import Floats, Run
 
-CLAIM = 0.7
-"""Probability of a cause, with what this run cannot tell from it, from which on it is claimed."""
 ALIKE = 0.05
 """Probability of another name in its place, over that of a claim, from which on the run cannot tell them apart."""
 STANDS = 0.975

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.limits import SURE
 from rosette_ros.core.run.records import ROUNDED, UNIT_DOUBT, Floats, Run, resolution_of
 from rosette_ros.core.uncertainty.stated_environment import Unseen
 
@@ -23,8 +24,6 @@ stated repeatability leaves as much. At 5 % one sound run of twenty would be ref
 every day; at 1e-6 a repeatability stated a third too small would pass on a plate of 6 balls. At 1 % a run of 12 balls
 (301 degrees of freedom) is refused from 1.10 times the stated repeatability, one of 6 balls (49) from 1.24 times.
 """
-SURE = 0.9
-"""Probability from which on something is said as found; below it is suspected."""
 CERTAIN = 4
 """An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
 COARSE = 0.5

@@ -18,7 +18,7 @@ from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Frame
 from rosette_ros.core.run.records import CURVES, ErrorMotions
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MATTERS, hidden_covariance
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Environment, Unseen
 

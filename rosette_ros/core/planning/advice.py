@@ -12,7 +12,7 @@ from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.records import Floats, Ints, Run
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
 from rosette_ros.core.run.touches import USUAL, USUAL_PACE, Pace
-from rosette_ros.core.sight.visibility import Share, Visibility, visibility, visible_share, visible_shares
+from rosette_ros.core.sight.visibility import GOOD_SHARE, Share, Visibility, visibility, visible_share, visible_shares
 from rosette_ros.core.uncertainty.hidden_effects import expected_u
 from rosette_ros.core.uncertainty.stated_environment import Environment
 
@@ -28,8 +28,6 @@ ALMOST = 0.9
 """Worst share of an order beside the best one from which the time that it takes decides."""
 WHOLE = 0.9
 """Measured share of the cells of its balls from which a run lacks the other balls by plan, not by a break."""
-GOOD_SHARE = 0.3
-"""Sensitivity from which an order shows an effect well."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.planning.advice import GOOD_SHARE, planned_run
+from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.planning.expectation import Expectation, expect
 from rosette_ros.core.run.errors import InvalidPlan, counted
 from rosette_ros.core.run.records import Floats
 from rosette_ros.core.run.reduced_sets import best_members, fewest_members, penalty, relative_uncertainty
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.core.run.touches import USUAL_PACE, Pace
-from rosette_ros.core.sight.visibility import Visibility, visibility
+from rosette_ros.core.sight.visibility import GOOD_SHARE, Visibility, visibility
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS as LARGEST
 from rosette_ros.core.uncertainty.hidden_effects import expected_u
 from rosette_ros.core.uncertainty.stated_environment import Environment

@@ -20,6 +20,8 @@ from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, why_not_judged
 
+GOOD_SHARE = 0.3
+"""Sensitivity from which an order shows an effect well."""
 DETECTABLE = 6.0
 """Norm of what is not absorbed, in sigma, that the search finds nearly always."""
 SAME_SHAPE = 0.95

@@ -13,7 +13,8 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import TWO_PI
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run, remove_gauge
 from rosette_ros.core.table.correction import Correction
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, peak_to_valley
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import peak_to_valley
 
 GAUGED = {'ctx': 2, 'cty': 2, 'crx': 2, 'cry': 2}
 """Degrees of freedom that the gauge takes of a curve: its mean, and half of a once-per-turn part of two curves."""

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.run.errors import InvalidData, unknown
 from rosette_ros.core.run.records import Floats, remove_gauge
-from rosette_ros.core.sight.visibility import Visibility
+from rosette_ros.core.sight.visibility import GOOD_SHARE, Visibility
 from rosette_ros.core.uncertainty.budget_inputs import BOUNDS, BudgetInputs
 from rosette_ros.core.uncertainty.hidden_effects import Surrounded, at_ball, source_of
 

@@ -6,22 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from rosette_ros.core.run.geometry import Floats, same_angles
 from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.mixture import Mixture
+from rosette_ros.core.uncertainty.stated_environment import Unseen
 
 if TYPE_CHECKING:  # what only shows results starts without the least squares
-    from rosette_ros.core.diagnosis.verdict import Judged
-    from rosette_ros.core.joint.conclusion import Conclusion
     from rosette_ros.core.model.least_squares import Fit
-    from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 
-COVERAGE_FACTOR = 2
-"""k of expanded uncertainties, about 95 % (GUM 6.2)."""
 DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where range + U is at most the tolerance, '
                  'does not conform where range − U is more; otherwise neither conformity nor non-conformity can be '
                  'proven (uncertainty range)')
@@ -48,13 +45,25 @@ def conformity(value: float, expanded: float, limit: float) -> Conformity:
     return Conformity.FAILS if value - expanded > limit else Conformity.UNDECIDED
 
 
-def refuted(verdict: 'Judged | Conclusion | None') -> str:
+class Judgement(Protocol):
+    """What a verdict on one run or several says of U."""
+
+    @property
+    def model_fails(self) -> bool:
+        """Whether the model is refuted."""
+
+    @property
+    def unseen(self) -> Unseen | None:
+        """What U contains of what the order hides, None where that does not matter."""
+
+
+def refuted(verdict: Judgement | None) -> str:
     """Return why the model is refuted: '' where it is not, or was not judged."""
     fails = verdict is not None and verdict.model_fails
     return 'the model does not fit the readings, so that U does not contain all' if fails else ''
 
 
-def doubt_of(verdict: 'Judged | Conclusion | None') -> str:
+def doubt_of(verdict: Judgement | None) -> str:
     """Return why U does not say how large the errors are: '' where it does, or the model was not judged."""
     lacks = verdict is not None and verdict.unseen is not None and not verdict.unseen.environment
     return refuted(verdict) or 'no environment is stated, and U lacks what this order cannot show' * lacks
@@ -162,14 +171,6 @@ def lines_of(motions: ErrorMotions, spreads: Sequence[Mixture], tolerances: Mapp
     """Return the AxisErrors of curves whose ranges have these distributions; the others as of error_lines."""
     lines = error_lines(motions, np.sqrt([one.moments[1] for one in spreads]), tolerances, doubt)
     return tuple(replace(line, spread=one) for line, one in zip(lines, spreads, strict=True))
-
-
-def stated_lines(fit: 'Fit', made: 'Budget | None', tolerances: Mapping[str, float] | None = None,
-                 doubt: str = '') -> tuple[ErrorMotions, tuple[AxisError, ...]]:
-    """Return curves and AxisErrors of a Fit, with U of its budget where there is one; the others as of error_lines."""
-    if made is None:
-        return fit.error_motions, fit_lines(fit, tolerances, doubt)
-    return made.error_motions, made.lines(tolerances, doubt)
 
 
 @dataclass(frozen=True, eq=False)

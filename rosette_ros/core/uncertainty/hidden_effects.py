@@ -30,7 +30,7 @@ from rosette_ros.core.model.least_squares import fit as fit_of
 from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.core.run.scheme import nominal_places
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.mixture import Mixture
 from rosette_ros.core.uncertainty.stated_environment import KINDS, LABORATORY, Environment, Unseen
 

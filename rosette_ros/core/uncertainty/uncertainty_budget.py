@@ -27,7 +27,8 @@ from rosette_ros.core.run.touches import LEAST_TOUCHES, centre_factors, usual_di
 from rosette_ros.core.sight.visibility import Visibility
 from rosette_ros.core.uncertainty.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
 from rosette_ros.core.uncertainty.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
-from rosette_ros.core.uncertainty.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes, lines_of
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import AxisError, error_lines, extremes, fit_lines, lines_of
 from rosette_ros.core.uncertainty.form_field import form_basis, standard_height
 from rosette_ros.core.uncertainty.hidden_effects import CLAIMED, MOST_BALLS, Surrounded, surrounded
 from rosette_ros.core.uncertainty.mixture import Mixture, total
@@ -334,6 +335,14 @@ def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
             line = Contribution(title, text, 'B', distribution, stated, of_unit, dof, empty, words)
             out.append(_displaced(fit, rows, line, factor))
     return out
+
+
+def stated_lines(fit: Fit, made: Budget | None, tolerances: Mapping[str, float] | None = None,
+                 doubt: str = '') -> tuple[ErrorMotions, tuple[AxisError, ...]]:
+    """Return curves and AxisErrors of a Fit, with U of its budget where there is one; the others as of error_lines."""
+    if made is None:
+        return fit.error_motions, fit_lines(fit, tolerances, doubt)
+    return made.error_motions, made.lines(tolerances, doubt)
 
 
 def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,

@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
-from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.planning.next_readings import Contender, SettlingStep, leading
 from rosette_ros.core.planning.plan_comparison import Outlook, Point, best_sets, point_of
 from rosette_ros.core.run.records import Ints, Run
 from rosette_ros.core.run.scheme import Scheme, cmm_position
+from rosette_ros.core.sight.visibility import GOOD_SHARE
 from rosette_ros.presentation.formatting import SENSITIVITY, percent
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.words.settling_words import contender_words
