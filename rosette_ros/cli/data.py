@@ -14,6 +14,7 @@ from rosette_ros.cli.console import console, head, warn
 from rosette_ros.io.ball_centre_table import MAX_BYTES, format_csv, read_csv, write_csv
 from rosette_ros.io.column_map import ColumnMap, format_columns
 from rosette_ros.io.csv_parser import proposal_for, read_columns
+from rosette_ros.io.foreign.formats import READERS
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.text_file import read_limited, write_text
@@ -32,8 +33,8 @@ FIRST_BYTES, FIRST_LINES = 4096, 4
 
 def import_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('table', metavar='FILE', help='ball-centre table, rosette-ball-centres/1, or a table, K-fields '
-                        '(AQDEF, DFQ) or QIF results of another program')
+    parser.add_argument('table', metavar='FILE', help='ball-centre table, rosette-ball-centres/1, or a table of '
+                        f'another program; read too: {", ".join(READERS)}')
     parser.add_argument('-o', '--output', metavar='RUN', help='log directory to make; an existing log is never changed')
     add_shared(parser, '--columns', help=f'{SHARED["--columns"]["help"]}; without it they are proposed on a terminal')
     parser.add_argument('--save', metavar='MAP', help='file to write with what the columns are, for --columns')

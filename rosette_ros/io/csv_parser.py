@@ -18,7 +18,9 @@ import numpy as np
 from rosette_ros.core.run.errors import InvalidData, counted, plain
 from rosette_ros.core.run.geometry import Floats, Ints
 from rosette_ros.core.run.records import Bools, resolution_of
-from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, foreign_lines, proposed
+from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, proposed
+from rosette_ros.io.foreign.foreign_table import ForeignTable
+from rosette_ros.io.foreign.formats import read_foreign
 from rosette_ros.io.table_heading import (
     KEYS,
     LENGTHS,
@@ -111,8 +113,9 @@ class _Sheet:
         Raises InvalidData where it is no text, quotes stay open, or columns of the map are missing."""
         self.source, self.notes = source, list[str]()
         whole = self._text(data)
-        numbered, self.unit = foreign_lines(whole, source) or (
-            list(enumerate(re.split('\r\n|\r|\n', whole), 1)), '')
+        self.format, foreign = read_foreign(whole, source) or (
+            '', ForeignTable(list(enumerate(re.split('\r\n|\r|\n', whole), 1)), {}))
+        numbered, self.unit, self.known = foreign.lines, foreign.unit, foreign.columns
         numbers, lines = (list(one) for one in zip(*numbered))
         given = _SEP.fullmatch(lines[0])
         separators = given[1] if given else ''.join(SEPARATORS)
@@ -219,7 +222,9 @@ class _Sheet:
         return [line for (line, _), is_one in zip(self.rows, is_row) if is_one], columns, angles
 
     def _read_with(self, commas: str) -> list[str]:
-        """Return what was between the cells, in words, where it was no comma."""
+        """Return the format, or what was between the cells, in words, where it was no comma."""
+        if self.format:
+            return [f'the file was read as {self.format}']
         name = SEPARATORS.get(self.separator, repr(self.separator))
         return [f'the table was read with {name} between cells{commas}'] * (self.separator != ',')
 
@@ -244,7 +249,7 @@ class _Sheet:
 
     def proposal(self, stated: Iterable[str]) -> ColumnMap:
         """Return what the columns seem to be; stated: keys of the heading."""
-        return proposed(self.names, [(line, self.cells(line, text)) for line, text in self.rows], stated)
+        return proposed(self.names, [(line, self.cells(line, text)) for line, text in self.rows], stated, self.known)
 
     def _read(self, wanted: Collection[str], kind: str, decimal: str) -> dict[str, Any]:
         """Return columns, as one kind of pyarrow's."""

@@ -14,6 +14,7 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.ball_centre_table import parse_csv, read_csv
 from rosette_ros.io.column_map import format_columns
 from rosette_ros.io.csv_parser import proposal_for, read_columns
+from rosette_ros.io.foreign.formats import READERS
 
 FOREIGN = Path(__file__).parent / 'foreign'
 CENTRES = [[100.0012, 0.0004, -0.0011], [-50.0007, 86.6031, 0.0002], [-49.9993, -86.6022, 0.0008],
@@ -56,6 +57,19 @@ def test_the_columns_are_proposed(name):
         read_csv(FOREIGN / name)
     assert re.search(r"; if these are ball centres, try: rosette import \S+ --columns '.*' --save map.yaml$",
                      str(caught.value))
+
+
+@pytest.mark.parametrize(('name', 'words'), [
+    ('calypso_chr.txt', 'CALYPSO characteristics'), ('fields.dfq', 'Q-DAS K-fields (AQDEF)'),
+    ('values.dfq', 'Q-DAS K-fields (AQDEF)'), ('results.qif', 'QIF results'),
+    ('plain.csv', None), ('pcdmis.csv', None)])
+def test_a_file_has_one_format(name, words):
+    """One reader takes it, whatever the order of the readers; the notes say which."""
+    text = (FOREIGN / name).read_text()
+    assert [one for one, read in READERS.items() if read(text, name)] == ([words] if words else [])
+    notes = read_csv(FOREIGN / name, read_columns(f'{MAPS[name][0]},radius_mm=100,balls=3')).notes
+    assert [one for one in notes if one.startswith('the file was read as')] == (
+        [f'the file was read as {words}'] if words else [])
 
 
 def test_a_map_says_all_that_is_missing_at_once():

@@ -1,0 +1,15 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CALYPSO characteristics (chr.txt): tabs between cells, a row for each characteristic of a feature."""
+
+import re
+
+from rosette_ros.io.foreign.foreign_table import ForeignTable
+
+COLUMNS = {'name': 'id', 'axis': 'idsymbol', 'value': 'actual'}
+
+
+def read(text: str, source: str) -> ForeignTable | None:
+    """Return the table as it is; None where its first column is not the inspection plan."""
+    if not text.startswith('planid\t'):
+        return None
+    return ForeignTable(list(enumerate(re.split('\r\n|\r|\n', text), 1)), COLUMNS)
