@@ -22,7 +22,7 @@ help:
 	@echo 'make soak    kill nodes in 60 runs, measure 100 000 balls, record 2 x 2000 messages/s for 60 s'
 	@echo 'make docs    write docs/effects.md, which is made from the library of effects'
 	@echo 'make pictures  make the pictures of the documentation again (needs Chromium)'
-	@echo 'make lint    check style, types, and what the project has grown to'
+	@echo 'make lint    check style and types'
 	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
 	@echo 'make clean   remove .venv and everything else that was made'
 
@@ -64,7 +64,6 @@ pictures: setup
 lint: setup
 	@.venv/bin/ruff check
 	@.venv/bin/mypy
-	@$(VENV_PYTHON) tools/size.py
 
 lock: setup
 	@.venv/bin/uv pip compile --quiet --upgrade --universal --fork-strategy fewest --python-version 3.11 \

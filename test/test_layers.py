@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layers of the package: what may import what, what works without ROS, and how modules are named and sized."""
+"""The layers of the package: what may import what, what works without ROS, and how modules are named."""
 
 import ast
 import re
@@ -57,7 +57,6 @@ IN_CLI = {f'rosette_ros.cli.{name}' for name, _ in VERBS.values()}
 STARTED_BY_NAME = {'rosette_ros.cli.main', 'rosette_ros.nodes.table_corrector', *MODULES.values(),
                    *IN_CLI}
 """Modules that nobody has to import: commands, nodes, verbs."""
-MOST_LINES = 450
 
 
 def layer(path):
@@ -274,12 +273,6 @@ def test_every_module_is_used_by_the_package():
     trees = [tree_of(path) for path in (*FILES, ROOT / 'launch' / 'cell.launch.py')]
     used = STARTED_BY_NAME.union(*map(imports, trees), *map(texts, trees))
     assert [module_of(path) for path in FILES if path.stem != '__init__' and module_of(path) not in used] == []
-
-
-def test_files_are_short():
-    """A file is a subject, not a heap."""
-    lines = {path.relative_to(PACKAGE).as_posix(): len(path.read_text(encoding='utf-8').splitlines()) for path in FILES}
-    assert {path: count for path, count in lines.items() if count > MOST_LINES} == {}
 
 
 @pytest.mark.parametrize(('rule', 'text', 'found'), [
