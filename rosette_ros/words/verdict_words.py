@@ -223,8 +223,14 @@ def moves_words(one: MissingEffect) -> str:
         return f'reading {cause.number("reading")} is off'
     if ball is not None:
         verb = f'ball {ball} {"moves" if verb.endswith("moves") else "is off"}'
-    others = ''.join(f', or with {names(VARIABLES.get(one, one) for one in some)}' for some in cause.or_with)
-    return f'{verb} with {names(VARIABLES.get(first, first) for first, *_ in cause.variables)}{others}'
+    others = ''.join(f', or {_with_words(some)}' for some in cause.or_with)
+    return f'{verb} {_with_words([first for first, *_ in cause.variables])}{others}'
+
+
+def _with_words(variables: Iterable[str]) -> str:
+    """Return with what something moves: 'with time'; what is the same at every reading moves with nothing."""
+    found = [VARIABLES.get(one, one) for one in variables]
+    return f'with {names(found)}' if found else 'by a constant amount'
 
 
 def _alike_words(some: Sequence[str]) -> str:

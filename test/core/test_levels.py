@@ -9,7 +9,7 @@ from synthetic import synthetic_run
 
 from rosette_ros.core.diagnosis.diagnosis import Unnamed, find
 from rosette_ros.core.diagnosis.posterior import Posterior, motion_of
-from rosette_ros.core.diagnosis.verdict import Level, Outcome, decide
+from rosette_ros.core.diagnosis.verdict import Level, MissingEffect, Outcome, decide
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
@@ -162,3 +162,25 @@ def test_a_plate_that_warps_moves_by_ball_and_time():
     run = planned_run(plan(8, 'interleaved', 1), 0.1825)
     warp = motion_of(run, place_of(run, 'plate_warp'))
     assert warp.own == {'ball', 'time'} and 'travel' in warp.standing['time'] and not warp.standing['ball']
+
+
+def test_what_moves_by_a_constant_amount_is_said_so():
+    """The stem of a ball leans in the machine: its ball moves with nothing, in the hypotheses that have it and in place
+    of a slip. Every effect of the library can be said so, where no law is certain."""
+    run = planned_run(plan(6, 'random', 1), 0.18)
+    stem, slip = place_of(run, 'ball_machine_offset', ball=2), place_of(run, 'ball_slip', ball=2)
+    looked = {(('ball_machine_offset',), ()): (5.0, (stem,)), (('ball_slip',), ()): (4.5, (slip,)), ((), ()): (0.0, ())}
+    weight = np.exp([5.0, 4.5, 0.0])
+    for place, own in ((stem, weight[0]), (slip, weight[1])):
+        cause, = Posterior(looked).causes(run, {place: motion_of(run, place)})
+        assert dict(cause.laws)[cause.names] == pytest.approx(own / weight.sum())
+        other = 'with time' if place is stem else 'by a constant amount'
+        missing = MissingEffect(place[0].name, place[1], cause=cause)
+        assert moves_words(missing).endswith(f', or {other}') and moves_words(missing).count('constant') == 1
+    for family in families_of(run):
+        own = motion_of(run, (family, family.settings[0])).own
+        if not family.is_free:
+            said = replace(cause, variables=tuple((one,) for one in sorted(own)), or_with=((), ('time',)))
+            words = moves_words(MissingEffect(family.name, family.settings[0], cause=said))
+            assert words.endswith(', or by a constant amount, or with time'), family.name
+            assert words.count('constant') == 1 + (not own)

@@ -152,9 +152,12 @@ class MotionOf:
     alike: frozenset[str] = frozenset()
 
     def agrees(self, other: 'MotionOf') -> bool:
-        """Return whether both say that one of the same bodies moves with something that may be the same."""
-        return not (self.bodies | self.alike).isdisjoint(other.bodies | other.alike) and not (
-            self.may_be.isdisjoint(other.own) and other.may_be.isdisjoint(self.own))
+        """Return whether both say that one of the same bodies moves with something that may be the same, or by a
+        constant amount, which is with nothing."""
+        if (self.bodies | self.alike).isdisjoint(other.bodies | other.alike):
+            return False
+        return (not (self.own or other.own) or not self.may_be.isdisjoint(other.own)
+                or not other.may_be.isdisjoint(self.own))
 
     @property
     def may_be(self) -> frozenset[str]:
