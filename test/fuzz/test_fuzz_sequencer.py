@@ -33,8 +33,10 @@ from rosette_ros.calibration.settings import (
 from rosette_ros.calibration.state_machine import Limits, Sequence
 from rosette_ros.core.run.errors import RosetteError
 from rosette_ros.core.run.scheme import plan
-from rosette_ros.io.messages import Phase
+from rosette_ros.io.messages import Phase, answer_of
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
+from rosette_ros.nodes.run_control import RunControl
+from rosette_ros.nodes.run_topics import RunTopics
 from rosette_ros.nodes.sequencer import CALIBRATION, Sequencer
 
 pytestmark = pytest.mark.long
@@ -71,23 +73,37 @@ class MuteSequencer(Mute, Sequencer):
         Mute.__init__(
             self,
             parameters=Parameters(VALUES, state_rate_hz=10.0, recorder_timeout_s=1.0, require_recorder=True),
-            _targets=self,
-            _taken=set(), _unfinished=None,
-            _frames=self,
-            _states=self,
-            _runs=self,
-            _events=self,
-            _published=0.0,
-            _recorder=SimpleNamespace(is_there=False),
-            _last='',
-            _last_level=0,
+            _taken=set(),
             _next_job=None,
-            _cell=SimpleNamespace(busy=list, missing=lambda with_recorder: [],
-                                  problems=lambda nodes: ''),
             _active=ACTIVE,
         )
-        self._job = Job(sequence, Request('calibrate'), 'diagonal', opening=False)
-        self._do(self._job, sequence.begin(0.0))
+        self._topics = without_graph(
+            RunTopics, _node=self, _targets=self, _frames=self, _states=self, _runs=self, _events=self)
+        self._control = without_graph(
+            RunControl,
+            _node=self,
+            _topics=self._topics,
+            _on_end=lambda job, result: None,
+            job=Job(sequence, Request('calibrate'), 'diagonal', opening=False),
+            unfinished=None,
+            _last='',
+            _last_level=0,
+            _published=0.0,
+            recorder=SimpleNamespace(is_there=False),
+            _cell=SimpleNamespace(busy=list, missing=lambda with_recorder: [], problems=lambda nodes: ''),
+        )
+        self._control._do(self._control.job, sequence.begin(0.0))
+
+    def hear(self, answer):
+        """Take an answer of the CMM."""
+        self._control.answer(answer_of(answer))
+
+
+def without_graph(kind, **attributes):
+    """Return an object of a part of the node that makes nothing on the graph."""
+    made = object.__new__(kind)
+    made.__dict__.update(attributes)
+    return made
 
 
 @st.composite
@@ -130,7 +146,7 @@ def right_answer(node):
 def test_what_the_sequencer_hears(steps, motions):
     """Answers and error motions: what is asked can be sent, and what is not used has no consequence."""
     node = MuteSequencer(Sequence(RUN_ID, PLAN, Limits(attempts=3)))
-    job = node._job
+    job = node._control.job
     with bounded():
         for step in steps:
             answer, done, stamp = right_answer(node), job.sequence.done, job.sequence._latest
@@ -139,16 +155,16 @@ def test_what_the_sequencer_hears(steps, motions):
             elif step is not None:
                 for name in step[0]:
                     setattr(answer, name, getattr(step[1], name))
-            node._on_ball_centre(answer)
+            node.hear(answer)
             if job.sequence.done > done:
                 assert (answer.run_id, answer.status) == (RUN_ID, BallCentre.STATUS_OK)
                 assert np.isfinite([answer.centre.x, answer.centre.y, answer.centre.z, answer.table_angle]).all()
             else:
                 assert job.sequence._latest <= max(stamp, Time(seconds=100).nanoseconds)
-        node._on_error_motions(motions)
-        if node._job is not None:
+        node._control.evaluated(motions)
+        if node._control.job is not None:
             node.health()
-    check_words([*node.words, node._last, job.sequence.text])
+    check_words([*node.words, node._control._last, job.sequence.text])
     for message in node.published:
         if isinstance(message, RunState):
             assert is_plain(message.text)
@@ -258,7 +274,7 @@ def recalled_calibration():
     while sequence.phase is not Phase.EVALUATION:
         answer = right_answer(node)
         response.answers.append(answer)
-        node._on_ball_centre(answer)
+        node.hear(answer)
     response.targets = [one for one in node.published if isinstance(one, ProbeTarget)]
     response.events = [CalibrationEvent(run_id=RUN_ID, kind=2, settings=SETTINGS_TEXT.decode())]
     return response
@@ -295,7 +311,7 @@ def recalls(draw):
 def test_what_is_recalled_of_a_run(recalled, options):
     """Gone on with, or refused in one line: what contradicts the plan is not measured on."""
     node = MuteSequencer(Sequence(RUN_ID, PLAN, Limits()))
-    node._job = None
+    node._control.job = None
     with bounded():
         accepted, words = node._prepare(Request('calibrate', {'options': options}), recalled)
     check_words([*node.words, '' if accepted else words])
@@ -308,8 +324,8 @@ def test_what_is_recalled_of_a_run(recalled, options):
     node = MuteSequencer(sequence)
     with bounded():
         for _ in range(3):
-            if node._job is not None and sequence.phase is not Phase.EVALUATION:
-                node._on_ball_centre(right_answer(node))
+            if node._control.job is not None and sequence.phase is not Phase.EVALUATION:
+                node.hear(right_answer(node))
     check_words([*node.words, sequence.text])
     for target, answer in sequence.answers.counting():
         assert 1 <= target.seq <= sequence.plan.total
