@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the bytes of a ball-centre table, also as people and spreadsheets write it, to columns of numbers.
 
-Lines above the names of the columns, the separator and the decimal sign are found here; cells and numbers are read by
-pyarrow.csv. What was taken otherwise than as rosette writes it is a note in words."""
+Lines above the names of the columns, the separator and the decimal sign are found here. What was taken otherwise than
+as rosette writes it is a note in words."""
 
 import contextlib
 import csv
-import importlib
 import re
 import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
@@ -56,6 +54,7 @@ LEAVE_OUT = 'leave out the row of a ball that was not measured'
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _SEP = re.compile(r'"?sep=([,;|:\t])"?[,;\s]*')
 _CLOCK = re.compile(r'\d[.\s-]*[^\W\d_]{3}|\d:\d|\d[-/.]\d+[-/.]\d')
+_OTHER_DECIMAL = str.maketrans('.,', ',.')
 _HEADS = 1000
 """The names of the columns stand in one of so many lines."""
 Row = tuple[int, str]
@@ -200,22 +199,20 @@ class _Sheet:
         """Return the lines of the rows with coordinates, their columns and which cells are empty, the cells of angles.
 
         Raises InvalidData where columns are missing or stand twice, or cells are no numbers."""
-        texts = self._read((*_PLACE, 'table_angle_deg', 'time_s'), 'string', '.')
-        comma = self.separator != ',' and any(
-            ',' in cell for name in _PLACE for cell in texts[name].to_pylist() if cell)
+        texts = self._texts()
+        comma = self.separator != ',' and any(',' in cell for name in _PLACE for cell in texts[name])
         if not self.is_mapped:
             self.notes[:0] = self._read_with(' and decimal commas' * comma)
-        moments = _since_first(texts['time_s'].to_pylist()) if 'time_s' in texts else None
-        columns = {name: (values.to_numpy(zero_copy_only=False), _is_empty(values)) for name, values in self._read(
-            [name for name in self.columns if name != 'time_s' or moments is None], 'float64',
-            ',' if comma else '.').items()}
+        moments = _since_first(texts['time_s']) if 'time_s' in texts else None
+        columns = {name: (self._numbers(name, cells, ',' if comma else '.'), np.array([not cell for cell in cells]))
+                   for name, cells in texts.items() if name != 'time_s' or moments is None}
         if moments is not None:
             since = np.array([np.nan if one is None else one for one in moments], dtype=float)
             columns['time_s'], self.columns['time_s'] = (since, np.isnan(since)), (self.columns['time_s'][0], 1.0)
             self.notes.append('dates with time of day were taken as seconds since the first')
         is_row = ~np.all([columns[name][1] for name in _PLACE], axis=0)
         columns = {name: (values[is_row], empty[is_row]) for name, (values, empty) in columns.items()}
-        angles = [cell.replace(',', '.') for cell, is_one in zip(texts['table_angle_deg'].to_pylist(), is_row)
+        angles = [cell.replace(',', '.') for cell, is_one in zip(texts['table_angle_deg'], is_row)
                   if is_one and cell] if 'table_angle_deg' in texts else []
         if not is_row.any():
             raise InvalidData(f'{self.source}: wanted rows of ball centres, got none')
@@ -251,58 +248,46 @@ class _Sheet:
         """Return what the columns seem to be; stated: keys of the heading."""
         return proposed(self.names, [(line, self.cells(line, text)) for line, text in self.rows], stated, self.known)
 
-    def _read(self, wanted: Collection[str], kind: str, decimal: str) -> dict[str, Any]:
-        """Return columns, as one kind of pyarrow's."""
-        pa, arrow_csv = map(importlib.import_module, ('pyarrow', 'pyarrow.csv'))  # a log does without
-        refused, text = list[Any](), '\n'.join(text for _, text in self.rows).replace('−', '-').encode()
-        names = {column: str(at) for column, (at, _) in self.columns.items() if column in wanted}
+    def _texts(self) -> dict[str, list[str]]:
+        """Return the cells of each column, '' where nothing stands; raises InvalidData where a row has more or fewer.
+        """
+        rows = [self.cells(line, text.replace('−', '-')) for line, text in self.rows]
+        uneven = next((at for at, cells in enumerate(rows) if len(cells) != len(self.names)), None)
+        if uneven is not None:
+            raise self._uneven(*self.rows[uneven], len(rows[uneven]))
+        return {name: [cells[at].strip() for cells in rows] for name, (at, _) in self.columns.items()}
 
-        def refuse(row: Any) -> str:
-            refused.append(row)
-            return 'error'
+    def _uneven(self, line: int, text: str, count: int) -> InvalidData:
+        if text.startswith(('#', '"#')):
+            return wrong(self.source, line, '', 'a reading', f'{text!r:.80}',
+                         'lines with # stand above the names of the columns')
+        return wrong(self.source, line, '', f'{len(self.names)} cells', count,
+                     'write decimals with a point, not a comma' if count > len(self.names) else 'is the row cut off?')
 
-        try:
-            found = arrow_csv.read_csv(
-                pa.py_buffer(text), arrow_csv.ReadOptions(
-                    use_threads=False, block_size=len(text) + 1, column_names=list(map(str, range(len(self.names))))),
-                arrow_csv.ParseOptions(delimiter=self.separator, ignore_empty_lines=False,
-                                       invalid_row_handler=refuse),
-                arrow_csv.ConvertOptions(
-                    include_columns=list(names.values()),
-                    column_types=dict.fromkeys(names.values(), pa.type_for_alias(kind)),
-                    decimal_point=decimal, strings_can_be_null=True, null_values=[' ' * count for count in range(9)]))
-        except pa.ArrowInvalid as error:
-            raise self._refusal(str(error), refused, decimal) from None
-        return {column: found[name].combine_chunks() for column, name in names.items()}
+    def _numbers(self, column: str, cells: Sequence[str], decimal: str) -> Floats:
+        """Return the numbers of a column, (N,), NaN where nothing stands; raises InvalidData where a cell is none."""
+        texts = [cell.translate(_OTHER_DECIMAL) for cell in cells] if decimal == ',' else cells
+        every = ''.join(texts)
+        if every.isascii() and '_' not in every:  # which only Python takes for numbers
+            with contextlib.suppress(ValueError):
+                return np.array([float(text) if text else np.nan for text in texts])
+        row = next(row for row, text in enumerate(texts) if text and not _is_number(text))
+        raise self._no_number(row, column, cells[row], decimal)
 
-    def _refusal(self, error: str, refused: Sequence[Any], decimal: str) -> InvalidData:
-        if refused:
-            line, text = self.rows[refused[0].number - 1]
-            if text.startswith(('#', '"#')):
-                return wrong(self.source, line, '', 'a reading', f'{text!r:.80}',
-                              'lines with # stand above the names of the columns')
-            is_long = refused[0].actual_columns > len(self.names)
-            return wrong(self.source, line, '', f'{len(self.names)} cells', refused[0].actual_columns,
-                          'write decimals with a point, not a comma' if is_long else 'is the row cut off?')
-        found = re.search(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'", error, re.DOTALL)
-        if not found:
-            return InvalidData(f'{self.source}: wanted a table of ball centres, got: {" ".join(error.split())}')
-        cell, other = found[3], ',' if decimal == '.' else '.'
-        advice = (LEAVE_OUT if not cell.strip() else
-                  f'the coordinates have decimal {"points" if other == "," else "commas"}; write all numbers so, and '
+    def _no_number(self, row: int, column: str, cell: str, decimal: str) -> InvalidData:
+        other = ',' if decimal == '.' else '.'
+        advice = (f'the coordinates have decimal {"points" if other == "," else "commas"}; write all numbers so, and '
                   'no sign between thousands' if other in cell and self.separator != ',' else
                   'it looks like a date or a time of day, which spreadsheets make of numbers; give a number'
                   if _CLOCK.search(cell) else '')
-        return wrong(self.source, self.rows[int(found[2]) - 1][0], _column(self.names[int(found[1])])[0], 'a number',
-                      f'{cell!r:.80}', advice)
+        return wrong(self.source, self.rows[row][0], column, 'a number', f'{cell!r:.80}', advice)
 
 
-def _is_empty(values: Any) -> Bools:
-    """Return which of the values of pyarrow's are missing, (N,): asked itself, it would load much more."""
-    seen = values.buffers()[0]  # a bit for each
-    bits = np.ones(len(values), np.uint8) if seen is None else np.unpackbits(
-        np.frombuffer(seen, np.uint8), count=values.offset + len(values), bitorder='little')[values.offset:]
-    return np.equal(bits, 0)
+def _is_number(text: str) -> bool:
+    with contextlib.suppress(ValueError):
+        float(text)
+        return text.isascii() and '_' not in text
+    return False
 
 
 def _check_all(sheet: _Sheet, heading: Heading, columns_of: ColumnMap | None) -> None:
