@@ -20,7 +20,7 @@ help:
 	@echo 'make blind   blind tests: the machine hides effects, the diagnosis has to identify them'
 	@echo 'make fuzz    10 000 generated inputs at every interface (FUZZ=... for another number)'
 	@echo 'make soak    kill nodes in 60 runs, measure 100 000 balls, record 2 x 2000 messages/s for 60 s'
-	@echo 'make docs    write docs/effects.md, which is made from the library of effects'
+	@echo 'make docs    write what is made from the code: docs/effects.md, message types of tables'
 	@echo 'make pictures  make the pictures of the documentation again (needs Chromium)'
 	@echo 'make lint    check style and types'
 	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
@@ -56,6 +56,8 @@ soak: setup
 docs: setup
 	@$(VENV_PYTHON) tools/effects_page.py > docs/effects.md.new
 	@mv docs/effects.md.new docs/effects.md
+	@$(VENV_PYTHON) tools/stored_types.py > rosette_ros/io/definitions.json.new
+	@mv rosette_ros/io/definitions.json.new rosette_ros/io/definitions.json
 
 pictures: setup
 	@$(VENV_PYTHON) tools/docs_pictures.py
@@ -68,7 +70,7 @@ lint: setup
 lock: setup
 	@.venv/bin/uv pip compile --quiet --upgrade --universal --fork-strategy fewest --python-version 3.11 \
 		--generate-hashes --no-header --no-annotate \
-		requirements/requirements.in --output-file requirements/requirements.lock
+		requirements/requirements.in setup.py --extra all --output-file requirements/requirements.lock
 
 clean:
 	rm -rf .venv build install log .pytest_cache .ruff_cache .hypothesis *.egg-info

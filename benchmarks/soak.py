@@ -18,7 +18,8 @@ import numpy as np
 from benchmarks.recorder_rate import KINDS, memory_of, seqs_in
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES
-from rosette_ros.cli.hidden_demo import make_cell, write_machine
+from rosette_ros.cli.demo_cell import make_cell
+from rosette_ros.cli.hidden_demo import write_machine
 from rosette_ros.simulation import MachineConfig
 
 DOMAIN = 47

@@ -21,7 +21,7 @@ import yaml
 from forked_nodes import OUTPUTS, ForkedNode, preload
 
 from rosette_ros.cell.supervisor import Cell, added_environment
-from rosette_ros.cli.hidden_demo import is_free
+from rosette_ros.cli.demo_cell import is_free
 from rosette_ros.cli.main import FEWER_COLLECTIONS
 
 os.environ.update(added_environment(os.environ))

@@ -27,6 +27,7 @@ SIMULATION_MAY = frozenset((
 
 ALLOWED = {
     '__init__': set(),
+    'requirements': set(),
     'core': {'core'},
     'words': {'core', 'words'},
     'io': {'core', 'io'},
@@ -42,7 +43,7 @@ ALLOWED = {
     'studio': {'core', 'words', 'io', 'analysis', 'presentation', 'archive', 'calibration', 'nodes', 'cell',
                'studio'},
     'cli': {'core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'archive', 'calibration',
-            'dme', 'nodes', 'cell', 'studio', 'cli'},
+            'dme', 'nodes', 'cell', 'studio', 'requirements', 'cli'},
 }
 """Layer: the layers it may import. Arrows point one way only."""
 

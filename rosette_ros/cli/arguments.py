@@ -20,18 +20,14 @@ from rosette_ros.core.run.number_words import ANGLES
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.io.text_file import path_of, refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
+from rosette_ros.requirements import install_command
 
 PICTURES = ('.png', '.svg', '.pdf')
 WRITTEN = ('output', 'pdf', 'figure', 'noise_picture', 'save')
 """Options that name a file to write; a file that another one names is read."""
 IN_LOG = 'who, what and where (YAML, rosette-identity/1), kept in the log of each run'
 _ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
-_SOURCE = 'source the set-up file of ROS 2 and of the workspace'
-_ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
-INSTALL = {'nicegui': 'pip install nicegui plotly',
-           **dict.fromkeys(('reportlab', 'pypdf'), 'pip install reportlab pypdf'),
-           **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), _ARCHIVE)}
-"""Package: how it is installed, where that is not its name alone."""
+_SOURCE = 'this needs ROS 2: source the set-up file of ROS 2 and of the workspace'
 Value = TypeVar('Value', int, float)
 
 
@@ -197,7 +193,7 @@ def load(module: str, what: str) -> ModuleType:
         if is_ours or package == 'rosette_ros':
             raise
         if isinstance(error, ModuleNotFoundError) and importlib.util.find_spec(package) is None:
-            install = _SOURCE if _ROS.fullmatch(package) else INSTALL.get(package, f'pip install {package}')
+            install = _SOURCE if _ROS.fullmatch(package) else install_command(package)
             raise UsageError(f'{what}: wanted the Python package {package}, got none; {install}') from error
         where = getattr(sys.modules.get(package), '__file__', None) or file
         raise UsageError(f'{what}: {where}: wanted a package that can be loaded, got: '

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data in and out: a table to a log, a run to a table."""
 
-import os
 import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
@@ -18,7 +17,7 @@ from rosette_ros.io.foreign.formats import READERS
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.text_file import read_limited, write_text
-from rosette_ros.io.type_definitions import TypeLibrary
+from rosette_ros.io.type_definitions import StoredTypes
 
 ASKED = {'x': 'x of the ball centre', 'y': 'y', 'z': 'z', 'ball': 'number of the ball', 'table': 'table position',
          'angle': 'table angle in degrees, counter-clockwise (-NAME: clockwise)', 'name': 'name of the feature',
@@ -51,7 +50,7 @@ def run_import(options: Namespace) -> None:
     measured = read_csv(options.table, columns)
     if options.save and columns is None:
         raise UsageError(f'{options.table}: is a ball-centre table, whose columns are known; leave out --save')
-    log = write_log(measured, Path(options.output), TypeLibrary.from_environment(os.environ)) if options.output else ''
+    log = write_log(measured, Path(options.output), StoredTypes()) if options.output else ''
     out = console()
     out.print(head(measured))
     warn(measured)

@@ -7,9 +7,12 @@ or turn on the table, or a correction, is written to its file between two runs.
 
 import random
 import shlex
+import time
 from argparse import ArgumentParser, Namespace
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -18,11 +21,11 @@ from rich.markup import escape
 
 from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
+from rosette_ros.calibration.settings import run_name
 from rosette_ros.cli import hidden_demo
-from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, until, whole
-from rosette_ros.cli.cell import keep_running
+from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, load, made_folder, until, whole
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
-from rosette_ros.cli.hidden_demo import MACHINE, MODEL, compare, demo_cell, section, shown, write_machine
+from rosette_ros.cli.hidden_demo import MACHINE, MODEL, compare, section, shown, write_machine
 from rosette_ros.cli.report import print_result, verification_of
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.errors import InvalidConfig
@@ -36,7 +39,10 @@ from rosette_ros.io.correction_file import format_correction
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import write_model
 from rosette_ros.io.open_run import open_identified
+from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.text_file import write_text
+from rosette_ros.io.type_definitions import StoredTypes
+from rosette_ros.nodes.environment import check_middleware
 from rosette_ros.presentation.correction_results import check_table
 from rosette_ros.presentation.formatting import curve_scales, fixed, millimetres
 from rosette_ros.presentation.plots.plot_style import save
@@ -48,6 +54,8 @@ from rosette_ros.presentation.tables import curves, nested_models
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.verdict_words import verdict_text
 
+OFFLINE = ('--offline',)
+NODES = 'demo without --offline'
 TABLE = {'translation_um': 0.5, 'rotation_urad': 3.0, 'axial_correction': False, 'angular_correction': False}
 """The table of the demo has not been corrected yet: its errors stand above the noise."""
 
@@ -86,6 +94,8 @@ def demo_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, '--identity', help=IN_LOG)
     add_shared(parser, '--output', '--angle-unit')
     add_shared(parser, '--domain', help='ROS domain (default: a free one)')
+    parser.add_argument('--offline', action='store_true', help='measure without nodes, in this process: for any '
+                        'computer, ROS 2 is not needed; the table is written as a log all the same')
     parser.add_argument('--keep', action='store_true', help='leave the cell running afterwards, until Ctrl-C')
 
 
@@ -94,6 +104,10 @@ def run_demo(options: Namespace) -> None:
     for name, given in (('--open', options.open), ('--until', options.until)):
         if given and options.hidden is None:
             raise InvalidConfig(f'demo: {name} goes with --hidden only; leave it out')
+    if options.offline:
+        for name in ('verification', 'circle', 'dme', 'keep', 'domain', 'identity', 'until'):
+            if getattr(options, name) not in (None, False):
+                raise InvalidConfig(f'demo: --offline excludes --{name}, which needs nodes; leave out one of them')
     if options.verification:
         for name, given in (('--hidden', options.hidden is not None), ('--dme', options.dme),
                             ('--circle', options.circle), ('--keep', options.keep)):
@@ -118,8 +132,12 @@ def run_demo(options: Namespace) -> None:
     config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls}, table=TABLE,
                                      placement={'axis': options.axis}, **hidden)
     out = console()
+    if options.offline:
+        measure_offline(out, config, order, options)
+        return
     what = f'[bold]A simulated cell[/]: {options.balls} balls, order {order}'
-    with demo_cell(out, what, config, options.domain, options.output, options.identity, options.dme) as running:
+    with in_cell().demo_cell(out, what, config, options.domain, options.output, options.identity,
+                             options.dme) as running:
         if hidden:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
         log_path = running.calibrate(order, options.seed, 'turning: forward', until_probability=options.until)
@@ -134,12 +152,37 @@ def run_demo(options: Namespace) -> None:
                       None if server is None else server.commands.cmm.clock.now())
         if options.keep:
             running.cell.news()  # its warnings were shown while it measured
-            keep_running(out, running.cell)
+            load('rosette_ros.cli.cell', NODES).keep_running(out, running.cell)
+
+
+def in_cell() -> ModuleType:
+    """Import what measures with nodes; raises UsageError where there is no ROS 2."""
+    check_middleware()
+    return load('rosette_ros.cli.demo_cell', NODES)
+
+
+def measure_offline(out: Console, config: MachineConfig, order: str, options: Namespace) -> None:
+    """Let the machine measure in this process, write its readings as a log, and print as after a run in a cell."""
+    began, folder = time.monotonic(), made_folder(options.output)
+    log_path = folder / run_name(datetime.now(UTC), order, [path.name for path in folder.iterdir()])
+    out.print(f'[bold]A simulated machine[/]: {options.balls} balls, order {order}, '
+              f'drawn from seed {config.seed}; no nodes')
+    run = Machine(config).run(plan(options.balls, order, options.seed), run_id=log_path.name)
+    write_log(run, log_path, StoredTypes())
+    write_machine(config, log_path / MACHINE)
+    if options.hidden is not None:
+        hidden_demo.seal(out, config, options.hidden, log_path)
+        hidden_demo.show_hidden(out, config, options.hidden, order, log_path, time.monotonic() - began, options.open,
+                                offline=OFFLINE)
+    else:
+        show_demo(out, config, log_path, time.monotonic() - began, offline=OFFLINE)
 
 
 def show_demo(out: Console, config: MachineConfig, log_path: Path, seconds: float,
-              machine_s: float | None = None) -> None:
-    """Print the results beside the truth, write picture and report; machine_s: time of the machine behind a server."""
+              machine_s: float | None = None, offline: tuple[str, ...] = ()) -> None:
+    """Print the results beside the truth, write picture and report.
+
+    machine_s: time of the machine behind a server; offline: option of the demo where it measured without nodes."""
     run, source = open_source(log_path)
     summary = summarise(run, has_ladder=False) if run.n <= MOST_BALLS_ADVISED else None
     fit = analyse(run) if summary is None else summary.fit
@@ -167,9 +210,9 @@ def show_demo(out: Console, config: MachineConfig, log_path: Path, seconds: floa
     where |= {'Log': log_path, 'Machine': log_path / MACHINE}
     out.print(pairs([(name, escape(shown(path))) for name, path in where.items()]))
     out.print('\nNext, a machine with hidden effects, to be found from the readings:')
-    out.print(f'  {escape(command("demo", "--hidden"))}', soft_wrap=True)
+    out.print(f'  {escape(command("demo", *offline, "--hidden"))}', soft_wrap=True)
     out.print('This run again:')
-    for verb in ('evaluate', 'studio', 'info', 'replay'):
+    for verb in ('evaluate', 'studio', 'info', *([] if offline else ['replay'])):
         out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
     if program() != 'rosette':
         out.print(f'To type just rosette: {escape(command("shell"))}', soft_wrap=True)
@@ -181,7 +224,7 @@ def go_round(options: Namespace) -> None:
                                      placement={'axis': options.axis})
     order, out = order_name(options.order or 'interleaved'), console()
     what = f'[bold]Calibrate, correct, calibrate again[/]: {options.balls} balls, order {order}'
-    with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
+    with in_cell().demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
         section(out, '1', 'calibrate')
         before_path = running.calibrate(order, options.seed, 'turning: forward')
         run, identity, _ = open_identified(before_path)
@@ -244,7 +287,7 @@ def verify_method(options: Namespace) -> None:
                                      placement={'axis': options.axis})
     order, out, paths = order_name(options.order or 'diagonal'), console(), []
     what = f'[bold]The verification of the paper[/]: {len(ROLES)} runs of {options.balls} balls, order {order}'
-    with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
+    with in_cell().demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
         for (label, _), changes in zip(ROLES, conditions(options.balls), strict=True):
             write_machine(config.changed(**changes), running.machine)
             out.print(f'[bold]{escape(label)}[/]')

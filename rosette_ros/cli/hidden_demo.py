@@ -1,22 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the demonstrations share: a simulated cell in a free ROS domain, and results compared with its truth; the demo
-whose machine hides effects, and its envelope: the readings alone show what is hidden.
+"""What the demonstrations share: results compared with the truth; the demo whose machine hides effects, and its
+envelope: the readings alone show what is hidden.
 
 What is hidden is sealed before anything is measured; the digest on the screen proves that nothing was changed until the
 envelope is opened and compared with the diagnosis.
 """
 
-import contextlib
 import math
-import random
-import shutil
-import socket
 import sys
-import tempfile
-import time
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,10 +21,7 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
-from rosette_ros.cell.client import CellClient
-from rosette_ros.cell.supervisor import Cell
-from rosette_ros.cli.arguments import add_shared, made_folder
-from rosette_ros.cli.cell import calibrate, identity_parameter, refuse_second_cell, started
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import COLOURS, console, head, pairs, print_table, say
 from rosette_ros.cli.evaluate import invisible_effects, show_comparison, show_diagnosis
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
@@ -38,12 +29,10 @@ from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.next_readings import BLOCK, standing
-from rosette_ros.core.run.errors import CellError, InvalidData
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Frame
 from rosette_ros.core.run.records import Floats, Run, remove_gauge
 from rosette_ros.core.run.scheme import Scheme, plan
-from rosette_ros.dme.dme_server import DmeServer, serving
-from rosette_ros.dme.dme_settings import client_settings
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import EXTENDED
 from rosette_ros.io.model_file import read_model, write_model
@@ -62,9 +51,7 @@ SIZES = {'most': 3, 'smallest_sigma': 2.0}
 """One to three effects of 2 to 30 times the noise: some may still be too small to be named."""
 SURE_SIGMA = 12.0
 """Norm of what is not absorbed, in sigma, from which an effect should be named."""
-MACHINE, DME_SETTINGS = 'machine.yaml', 'dme.yaml'
-DOMAINS = range(1, 60)
-"""Of demonstrations: the ports of domains below 102 lie below those that Linux assigns on its own; tests: 60 to 99."""
+MACHINE = 'machine.yaml'
 
 
 def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
@@ -75,17 +62,19 @@ def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
 
 
 def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_path: Path, seconds: float,
-                is_open: bool = False, until: float | None = None) -> None:
+                is_open: bool = False, until: float | None = None, offline: tuple[str, ...] = ()) -> None:
     """Print how badly the base model fits and how to go on; the envelope stays shut until it is asked for.
 
-    is_open: whether it is asked for already; until: as of show_saving, None where it was not wanted.
+    is_open: whether it is asked for already; until: as of show_saving, None where it was not wanted; offline: option of
+    the demo where it measured without nodes.
     """
     run = read_log(log_path).to_run()
     out.print(f'\n{head(run)}\nThe residual of the base model is {residual_words(analyse(run))}\n')
     out.print(pairs([
         ('Log', escape(shown(log_path))), ('Took', f'{seconds:.1f} s'),
-        ('Repeat', escape(command('demo', '--hidden', seed, '--seed', config.seed, '--balls', config.plate.balls,
-                                  '--order', order, '--axis', *(f'{one:g}' for one in config.placement.axis),
+        ('Repeat', escape(command('demo', *offline, '--hidden', seed, '--seed', config.seed, '--balls',
+                                  config.plate.balls, '--order', order, '--axis',
+                                  *(f'{one:g}' for one in config.placement.axis),
                                   *(('--until', until) if until else ()))))]))
     if not is_open:
         out.print('\nBlind test sealed. To find out what is hidden:')
@@ -265,102 +254,12 @@ def run_envelope(options: Namespace) -> None:
     tell(console(), path, options.model, options.all)
 
 
-def free_domain() -> int:
-    """Return a domain that nothing seems to use on this computer; raise CellError where all are in use."""
-    for domain in random.sample(DOMAINS, len(DOMAINS)):
-        if is_free(domain):
-            return domain
-    raise CellError(f'ROS domain: wanted a free one in 1 .. {DOMAINS[-1]}, found none; end other ROS programs or '
-                    'choose one with --domain')
-
-
-def is_free(domain: int) -> bool:
-    """Whether nothing on this computer listens at the first ports of a domain."""
-    with contextlib.suppress(OSError):
-        for offset in (0, 10, 11):
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind(('', 7400 + 250 * domain + offset))  # DDS-RTPS 2.2, section 9.6.1.1
-        return True
-    return False
-
-
 def write_machine(config: MachineConfig, path: Path) -> None:
     """Write a machine configuration as YAML."""
     values = config.model_dump(mode='json', exclude={'hidden_draw'})
     if config.hidden_draw is not None:
         values['hidden'] = config.hidden_draw.model_dump(mode='json', exclude_none=True)
     path.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
-
-
-def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path, identity: str | None = None,
-              dme: Path | None = None) -> Cell:
-    """Return the cell with the simulated machine of a configuration, written to the file `machine`.
-
-    dme: settings file of an I++ server behind which the machine is, None without one."""
-    place = config.placement
-    return Cell(domain, machine=machine, log_dir=logs, dme=dme, params={'recorder': {'simulated': True}, 'sequencer': {
-        'plate.balls': config.plate.balls, 'plate.radius_m': config.radius,
-        'table.origin_m': [1e-3 * float(x) for x in place.origin_mm],
-        'table.axis': [float(x) for x in place.axis], 'table.azimuth_deg': place.azimuth_deg,
-        **identity_parameter(identity)}})
-
-
-@dataclass(frozen=True)
-class DemoCell:
-    """A running cell with a simulated machine: its client, the machine's file, the folder of the logs.
-
-    server: that of I++ DME behind which the machine is, None without one."""
-
-    cell: Cell
-    client: CellClient
-    machine: Path
-    logs: Path
-    began: float
-    server: DmeServer | None = None
-
-    @property
-    def seconds(self) -> float:
-        """Wall time since the beginning, s."""
-        return time.monotonic() - self.began
-
-    def calibrate(self, order: str, seed: int, options: str = '', **fields: Any) -> Path:
-        """Run a calibration with progress on stderr; return the folder of its log, with the files of the machine.
-
-        fields: others of the goal, as of CellClient.calibrate."""
-        outcome = calibrate(self.client, order=order, seed=seed, options=options, check=self.cell.check, **fields)
-        if outcome.log is None:
-            raise CellError('demo: wanted the log of the run, got none; see the output of the recorder')
-        for path in self.machine.parent.iterdir():
-            shutil.copy(path, outcome.log)
-        return outcome.log
-
-
-@contextlib.contextmanager
-def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None, output: str,
-              identity: str | None = None, has_server: bool = False) -> Iterator[DemoCell]:
-    """Start a cell with a simulated machine, end it afterwards; what: printed; domain: None for a free one.
-
-    identity: path of an identity file; has_server: the machine is behind an I++ DME server."""
-    began = time.monotonic()
-    is_given, domain = domain is not None, free_domain() if domain is None else domain
-    logs = made_folder(output)
-    out.print(f'{what}, machine drawn from seed {config.seed}; four ROS 2 nodes in domain {domain}')
-    with contextlib.ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='rosette_demo_')))
-        machine, dme, server = folder / MACHINE, None, None
-        write_machine(config, machine)
-        if has_server:
-            port, server = stack.enter_context(serving(config))
-            dme = folder / DME_SETTINGS
-            dme.write_text(yaml.safe_dump(client_settings(config, port), sort_keys=False), 'utf-8')
-            out.print(f'  I++ DME server on 127.0.0.1:{port}, one command per touch and move')
-        prepared = make_cell(config, machine, domain, logs, identity, dme)
-        if is_given:
-            refuse_second_cell(out, prepared)
-        with started(out, prepared) as cell, CellClient(domain) as client:
-            made = DemoCell(cell, client, machine, logs, began, server)
-            out.print(f'  nodes are running after     {made.seconds:5.1f} s')
-            yield made
 
 
 class TruthComparison(NamedTuple):

@@ -72,7 +72,7 @@ VERBS = {verb: what for group in GROUPS.values() for verb, what in group.items()
 
 FEWER_COLLECTIONS = 10_000
 """New objects after which garbage is looked for: figures are made of many and leave little; a twelfth of a report."""
-WITH_ROS = ('demo', 'cell', 'check-cmm', 'calibrate', 'studio', 'replay')
+WITH_ROS = ('cell', 'check-cmm', 'calibrate', 'studio', 'replay')
 """Verbs that load ROS."""
 Arguments: TypeAlias = Callable[[argparse.ArgumentParser], None]
 Carry: TypeAlias = Callable[[argparse.Namespace], int | None]

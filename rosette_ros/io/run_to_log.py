@@ -15,14 +15,14 @@ from rosette_ros.io import log_run
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import encode_messages, whole_log
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Phase
-from rosette_ros.io.type_definitions import TypeLibrary
+from rosette_ros.io.type_definitions import StoredTypes, TypeLibrary
 
 TARGET_TOPIC, ANSWER_TOPIC, FRAME_TOPIC = '/rosette/probe_target', '/rosette/ball_centre', '/tf_static'
 MAX_SECONDS = 2**31  # seconds that a ROS time stamp can hold
 LATCHED = Qos(durability='transient_local')
 
 
-def write_log(run: Run, directory: str | Path, library: TypeLibrary) -> Path:
+def write_log(run: Run, directory: str | Path, library: TypeLibrary | StoredTypes) -> Path:
     """Write a Run as a log directory and return its path.
 
     library: knows rosette_msgs. Each reading becomes a ProbeTarget and a BallCentre in the table frame; the rotation of

@@ -128,6 +128,18 @@ class TypeLibrary:
                 f'    struct {name} {{\n{members}    }};\n  }};\n}};\n')
 
 
+class StoredTypes:
+    """The definitions of what a table becomes in a log, as this package has them: ROS is not needed."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, dict[str, str]] = json.loads(
+            Path(__file__).with_name('definitions.json').read_text(encoding='utf-8'))
+
+    def definition(self, type_name: str) -> TypeDefinition:
+        """Return the TypeDefinition of `package/msg/Type`."""
+        return TypeDefinition(type_name, **self._known[type_name])
+
+
 def _element(described: dict[str, Any], primitives: dict[int, str], nested: str, bound: str) -> tuple[str, int]:
     """Return (spelling of a described field without its array, what its type id has more than that of the element)."""
     added = next((added for added in (_SEQUENCE, _BOUNDED, _ARRAY) if described['type_id'] > added), 0)

@@ -17,7 +17,7 @@ from rosette_ros.cli import main as main_module
 from rosette_ros.cli.console import doing
 from rosette_ros.cli.main import GROUPS, VERBS, error_lines, main
 
-SOURCE = 'source the set-up file of ROS 2 and of the workspace'
+SOURCE = 'this needs ROS 2: source the set-up file of ROS 2 and of the workspace'
 
 
 @pytest.mark.parametrize('words, wanted', [
@@ -39,8 +39,8 @@ def test_an_unknown_name_is_answered_by_the_nearest(refused, words, wanted):
 
 @pytest.mark.parametrize(('verb', 'package', 'what_to_do'), [
     ('studio', 'nicegui', 'pip install nicegui plotly'),
-    ('calibrate', 'rclpy', SOURCE), ('cell', 'action_msgs', SOURCE), ('demo', 'action_msgs', SOURCE),
-    ('replay', 'builtin_interfaces', SOURCE),
+    ('calibrate', 'rclpy', SOURCE), ('cell', 'action_msgs', SOURCE), ('replay', 'builtin_interfaces', SOURCE),
+    ('certificate', 'lxml', 'pip install lxml pypdf reportlab'),
 ])
 def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
     """rosdep does not bring all that one verb needs; the other verbs work without."""

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The Python packages that rosette_ros needs beside ROS 2: the only list, for setup.py and `make lock`."""
+
+BASE = ['jinja2', 'lz4', 'matplotlib', 'mcap>=1.6', 'mcap-ros2-support', 'numpy', 'pydantic>=2', 'pyyaml', 'rich',
+        'scipy', 'zstandard']
+"""Evaluates, diagnoses, plans, reports; reads and writes logs and tables."""
+EXTRAS = {
+    'studio': ['nicegui', 'plotly'],
+    'certificate': ['lxml', 'pypdf', 'reportlab'],
+    # dask needs importlib-metadata below Python 3.12: a release without lazy-importer, whose first release names
+    # neither author nor project
+    'archive': ['dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow',
+                'importlib-metadata<10; python_full_version < "3.12"'],
+    'notebook': ['ipykernel', 'pandas']}
+"""What else `pip install 'rosette_ros[NAME]'` installs; `all` of them."""
+DOCUMENTS = ['mkdocs-material', 'mkdocstrings-python']
+"""The extra `docs`, for `make docs-site`; no part of `all`."""
+
+
+def every_extra() -> dict[str, list[str]]:
+    """Return the packages of each extra by its name, `all` and `docs` included."""
+    return {**EXTRAS, 'all': [one for some in EXTRAS.values() for one in some], 'docs': DOCUMENTS}
+
+
+def install_command(package: str) -> str:
+    """Return what installs a package that is missing, and what goes with it."""
+    extra = next((some for some in EXTRAS.values() if package in some), [package])
+    return ' '.join(['pip install', *(one for one in extra if ';' not in one)])
