@@ -35,6 +35,7 @@ from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.words.reading_words import remark_words
 
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
@@ -422,7 +423,7 @@ class Sequence:
             self._alignment, self._taken, self._next_index, self._is_aligned_again = [], set(), 0, True
             return (Remark(f'{words}; asking again'),)
         centres = np.array([one.centre for one in self._alignment])
-        remarks = tuple(map(Remark, remarks_on_answers(self.answers.counting())))
+        remarks = tuple(Remark(remark_words(one)) for one in remarks_on_answers(self.answers.counting()))
         if self.answers.is_in_table_frame:
             self._frame, self._frame_id = Frame.identity(), TABLE_FRAME
             return remarks

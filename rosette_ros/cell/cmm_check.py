@@ -24,11 +24,12 @@ from rosette_ros.core.run.errors import CellError
 from rosette_ros.core.run.number_words import micrometres, significant
 from rosette_ros.core.run.touches import LEAST_TOUCHES, fit_spheres
 from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
-from rosette_ros.io.reading_checks import Check, check_answers, temperature_words
+from rosette_ros.io.reading_checks import Check, check_answers, remark_on_temperature
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.liveliness import NodeMonitor
 from rosette_ros.nodes.node_requests import target_subscriptions
+from rosette_ros.words.reading_words import remark_words
 
 SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
 SEQUENCER_SEARCH = client.SEARCH
@@ -192,10 +193,12 @@ class CmmClient(CellClient):
             return []
         answers, sigma = [answer for _, answer in pairs], run.repeatability()[0]
         found = check_answers(pairs)
-        checks = [Check(name, not found[name], found[name] or held) for name, held in HELD.items() if name in found]
+        checks = [Check(name, not (wrong := found[name]), remark_words(wrong) if wrong else held)
+                  for name, held in HELD.items() if name in found]
         spread = 'not found' if sigma is None else f'{micrometres(sigma)}, standard deviation of a coordinate'
-        words = found.get('repeatability', '')
-        checks.append(Check('repeatability', None if sigma is None and not words else not words, words or spread))
+        alike = found.get('repeatability')
+        checks.append(Check('repeatability', None if sigma is None and not alike else not alike,
+                            remark_words(alike) if alike else spread))
         frames = sorted({answer.frame for answer in answers})
         checks.append(Check('frame', len(frames) == 1, f'centres in {", ".join(frames)}'))
         if not self._node.count_publishers(names.CLOCK):
@@ -207,9 +210,9 @@ class CmmClient(CellClient):
                             f'{significant(1e6 * min(form))} to {micrometres(max(form))}'))
         checks.append(self._touch_check(run.run_id, answers))
         warm = np.array([answer.temperature for answer in answers])
-        known, wrong = warm[np.isfinite(warm)], temperature_words(warm)
-        checks.append(Check('temperature', not wrong if known.size else None, wrong or (
-            f'{known.min():.2f} to {known.max():.2f} °C' if known.size else 'not measured (NaN)')))
+        known, doubt = warm[np.isfinite(warm)], remark_on_temperature(warm)
+        checks.append(Check('temperature', not doubt if known.size else None, remark_words(doubt) if doubt else
+                            f'{known.min():.2f} to {known.max():.2f} °C' if known.size else 'not measured (NaN)'))
         return checks
 
     def _touch_check(self, run_id: str, answers: Sequence[Answer]) -> Check:

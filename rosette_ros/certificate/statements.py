@@ -19,6 +19,7 @@ from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import ErrorMotions, Floats, Run
+from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of, refuted
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
@@ -26,13 +27,14 @@ from rosette_ros.core.uncertainty.uncertainty_budget import Budget, probability_
 from rosette_ros.io.budget_file import budget_inputs, environment_of
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity
-from rosette_ros.io.reading_checks import known_temperatures, radius_words, temperature_words
+from rosette_ros.io.reading_checks import known_temperatures, remark_on_radius
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, environment_words
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
 from rosette_ros.presentation.report.run_page import touches_of
+from rosette_ros.words.reading_words import fact_words, notes_of, remark_words
 from rosette_ros.words.result_words import ConclusionText, conclusion_text
 from rosette_ros.words.verdict_words import verdict_text
 
@@ -140,6 +142,10 @@ class Certificate:
         return tuple(map(words_of_entry, self.identity.missing))
 
 
+NO_RESULT = frozenset((RemarkKind.NO_TEMPERATURE, RemarkKind.UNIT_OF_TEMPERATURE))
+"""Remarks that a certificate does not repeat: it states the temperatures."""
+
+
 def state(paths: Sequence[str | Path], inputs: Inputs,
           ask: Ask = lambda _: None) -> Certificate:
     """Return what a certificate of runs states; raises RosetteError where something that it cannot do without lacks.
@@ -165,9 +171,8 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
     if inputs.budget or run.n <= MOST_BALLS:
         made = stated_budget(fit, given, found, refuted(verdict), refit)
     motions, lines = stated_lines(fit, made if inputs.budget else None, limits, doubt)
-    facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks  # what to do is no result
-                                      if one != temperature_words(run.temperature)))
-    unknown = [*text.not_known(facts, fit.gauge), *(verdict.limits if verdict else ()), *untouched]
+    facts = [fact_words(one) for one in run.remarks if one.kind not in NO_RESULT]
+    unknown = [*text.not_known(run, fit.gauge, facts), *(verdict.limits if verdict else ()), *untouched]
     evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)),
                   ('Environment', environment_words(given.environment)))
@@ -264,8 +269,9 @@ def _check_issue(issued: str, ended: str) -> None:
 
 
 def _measured(run: Run, source: Source) -> Measured:
-    if words := radius_words(run.radius):
-        raise InvalidData(f'{run.source}: wanted readings whose unit is sure for a certificate, got: {words}')
+    if doubt := remark_on_radius(run.radius):
+        raise InvalidData(f'{run.source}: wanted readings whose unit is sure for a certificate, got: '
+                          f'{remark_words(doubt)}')
     days = (source.begun[:10], source.ended[:10]) if source.begun and source.ended else None
     known = known_temperatures(run)
     degrees = [text.fixed(float(one), 3) for one in (known.min(), known.max())] if known.size else []
@@ -277,7 +283,7 @@ def _measured(run: Run, source: Source) -> Measured:
         ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not measured'),
         ('Table angles', text.angle_words(run)),
         ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
-        ('Notes', '; '.join(run.notes)))
+        ('Notes', '; '.join(notes_of(run))))
     return Measured(rows[0][1], tuple(row for row in rows if row[1]), days, known, run.simulated)
 
 

@@ -24,6 +24,7 @@ from rosette_ros.presentation.formatting import (
     uncertainty_words,
 )
 from rosette_ros.presentation.table_format import Column, Table, words
+from rosette_ros.words.reading_words import notes_of, remark_words
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.diagnosis.verdict import VerdictText
@@ -131,14 +132,14 @@ def pairs(rows: Iterable[tuple[str, str]]) -> rich.table.Table:
 
 def head(run: Run) -> str:
     """Return what was measured in a line, and in further ones what is missing and how a table was read."""
-    lines = (f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}', missing_words(run), *run.notes)
+    lines = (f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}', missing_words(run), *notes_of(run))
     return '\n'.join(filter(None, lines))
 
 
 def warn(run: Run) -> None:
     """Print what is wrong with the readings as a whole, a line each, on stderr: for output without a verdict."""
     for remark in run.remarks:
-        print(f'rosette: {remark}', file=sys.stderr)
+        print(f'rosette: {remark_words(remark)}', file=sys.stderr)
 
 
 def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:

@@ -18,6 +18,7 @@ from rosette_ros.io.open_run import open_run
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.text_file import read_limited, write_text
 from rosette_ros.io.type_definitions import StoredTypes
+from rosette_ros.words.reading_words import notes_of, remark_words
 
 ASKED = {'x': 'x of the ball centre', 'y': 'y', 'z': 'z', 'ball': 'number of the ball', 'table': 'table position',
          'angle': 'table angle in degrees, counter-clockwise (-NAME: clockwise)', 'name': 'name of the feature',
@@ -50,7 +51,8 @@ def run_import(options: Namespace) -> None:
     measured = read_csv(options.table, columns)
     if options.save and columns is None:
         raise UsageError(f'{options.table}: is a ball-centre table, whose columns are known; leave out --save')
-    log = write_log(measured, Path(options.output), StoredTypes()) if options.output else ''
+    said = (*notes_of(measured), *map(remark_words, measured.remarks))
+    log = write_log(measured, Path(options.output), StoredTypes(), said) if options.output else ''
     out = console()
     out.print(head(measured))
     warn(measured)

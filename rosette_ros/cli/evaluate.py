@@ -60,6 +60,7 @@ from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import capital
+from rosette_ros.words.reading_words import readings_notes, remark_words
 from rosette_ros.words.result_words import DOES_NOT_FIT, check_words, comparison_words, conclusion_text
 from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, titles, verdict_text
 
@@ -144,7 +145,7 @@ def evaluate_runs_jointly(options: Namespace) -> None:
     else:
         out = console()
         for one in result.solution.model.runs:
-            out.print(escape('\n'.join((results.joint_head(one), *one.notes))))
+            out.print(escape('\n'.join((results.joint_head(one), *readings_notes(one)))))
         for note in result.notes:
             out.print(escape(note), soft_wrap=True)
         print_verdict(out, conclusion_text(conclude(result)))
@@ -248,7 +249,7 @@ def show_comparison(out: Console, comparison: Comparison, verdict: Verdict) -> N
     if verdict.missing or verdict.unnamed:
         say(out, DOES_NOT_FIT, COLOURS[verdict.level])
         for remark in comparison.fit.run.remarks:
-            say(out, f'{capital(remark)}.')
+            say(out, f'{capital(remark_words(remark))}.')
     else:
         print_verdict(out, verdict_text(verdict))
     say(out, f'{comparison_words(comparison)} Residuals are given in σ = {micrometres(sigma)}, {source}; '

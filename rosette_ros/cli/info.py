@@ -13,6 +13,7 @@ from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core.run.errors import RosetteError
 from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import NOTES_KEY, RESUMES_KEY, LogRun
@@ -21,6 +22,7 @@ from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.words.reading_words import notes_of, remark_words
 
 
 def info_arguments(parser: ArgumentParser) -> None:
@@ -73,8 +75,9 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
         found = log.to_run(run_id)
     except RosetteError as error:
         problem = None if stopped else str(error)
-    remarks = [one for one in found.remarks if one != log.damage] if found else answers.remarks
-    noted = dict.fromkeys([*(found.notes if found else ()), *log.custom_data.get(NOTES_KEY, '').splitlines()])
+    remarks = [remark_words(one) for one in (found.remarks if found else answers.remarks)
+               if one.kind is not RemarkKind.LOG_DAMAGED]
+    noted = dict.fromkeys([*(notes_of(found) if found else ()), *log.custom_data.get(NOTES_KEY, '').splitlines()])
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
                       notes=[one for one in noted if one not in remarks],
                       balls=np.unique(found.ball).size if found and is_done(log, run_id) else first.balls,
@@ -117,8 +120,9 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'repeatability_m': found.repeatability if found else None,
             'repeatability_dof': found.repeatability_dof if found else None,
             'repeatability_axes_m': found.repeatability_axes if found else None,
-            'notes': found.notes if found else (), 'missing': text.missing_words(found) if found else '',
-            'remarks': found.remarks if found else (), 'unused': {}, 'published_curves': 0, 'model': None,
+            'notes': notes_of(found) if found else (), 'missing': text.missing_words(found) if found else '',
+            'remarks': tuple(map(remark_words, found.remarks)) if found else (), 'unused': {},
+            'published_curves': 0, 'model': None,
             'simulated': found.simulated if found else None, 'ended': None, 'broken_off': '', 'problem': None,
             'identity': {}, 'tolerances': {}, **of_log}
 

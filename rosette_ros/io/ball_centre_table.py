@@ -21,7 +21,7 @@ from rosette_ros.core.run.scheme import cmm_position, nominal_places
 from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.csv_parser import COLUMNS, WAY_COLUMNS, CsvTable
 from rosette_ros.io.plate_file import plate_of_table
-from rosette_ros.io.reading_checks import RADII, note_on_offset, remarks_on_table
+from rosette_ros.io.reading_checks import RADII, remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
 from rosette_ros.io.table_heading import LENGTHS, SCHEMA
 from rosette_ros.io.text_file import read_limited, write_text
@@ -68,7 +68,7 @@ def parse_csv(data: bytes, source: str = 'table', columns_of: ColumnMap | None =
         repeatability=table.repeatability, repeatability_dof=table.repeatability_dof,
         repeatability_axes=table.repeatability_axes,
         run_id=table.run_id, repeats=table.repeats, session=table.session,
-        source=source, notes=(*notes, *note_on_offset(table.table_offset)), simulated=table.simulated,
+        source=source, notes=tuple(notes), simulated=table.simulated,
         rotation=table.rotation, table_offset=table.table_offset, **recorded)
     return run.replace(remarks=remarks_on_table(run, table.step, 'time_s' in columns))
 

@@ -13,6 +13,7 @@ from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.run.errors import InvalidData, kind_of, plain
 from rosette_ros.core.run.geometry import Frame
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Run
+from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind, remark
 from rosette_ros.io import messages as msg
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.identity_file import Identity, parse_identity
@@ -174,11 +175,10 @@ class LogRun:
         return [answer for run in self.runs.values() for answer in run.answers]
 
     @property
-    def damage(self) -> str:
-        """What the log lacks, in a line, empty where it is whole."""
-        count = len(self.problems) - 1
-        more = f', and {count} more problems; rosette info lists them' if count > 0 else ''
-        return f'the log is damaged: {self.problems[0]}{more}' if self.problems else ''
+    def damage(self) -> tuple[ReadingRemark, ...]:
+        """The first of its problems and how many more there are, nothing where it is whole."""
+        return (remark(RemarkKind.LOG_DAMAGED, problem=self.problems[0], others=len(self.problems) - 1),) if (
+            self.problems) else ()
 
     @property
     def simulated(self) -> bool:
@@ -238,9 +238,9 @@ class LogRun:
         if not any(run.answers for run in self.runs.values()):
             topics = ', '.join(topic.name for topic in self.topics) or 'none'
             raise InvalidData(f'{source}: wanted ball centres ({BALL_CENTRE}), got none in {self.messages} messages '
-                              f'(topics: {topics}){f"; {self.damage}" * bool(self.damage)}')
+                              f'(topics: {topics}){"".join(f"; {problem}" for problem in self.problems[:1])}')
         run = self.run(run_id).to_run(source)
-        run = run.replace(remarks=(*filter(None, [self.damage]), *run.remarks), simulated=self.simulated)
+        run = run.replace(remarks=(*self.damage, *run.remarks), simulated=self.simulated)
         if run.repeatability is not None or REPEATABILITY_KEY not in self.custom_data:
             return run
         try:

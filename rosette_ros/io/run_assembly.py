@@ -14,10 +14,11 @@ import numpy as np
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Frame, fitted_frame, rotate_z, turned_frame
 from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.remarks import ReadingRemark
 from rosette_ros.core.run.scheme import Way, joined_travel, nominal_places
 from rosette_ros.io import messages
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, TABLE_FRAME, Answer, Phase, Rows, TableFrame, Target
-from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_run
+from rosette_ros.io.reading_checks import remark_on_two_answers, remarks_on_answers, remarks_on_run
 
 MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
 MAX_BALLS = 10_000  # more balls than this are taken for a mistake
@@ -362,7 +363,6 @@ class RunAnswers:
             table_travel=joined_travel(travel, angle, approach, session, n), **self._way(targets, rotation),
             repeatability=sigma, repeatability_dof=dof, run_id=self.run_id, session=session, source=source,
             rotation=rotation, repeatability_axes=repeated, table_offset=offset,
-            notes=note_on_offset(offset),
             repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
         return run.replace(remarks=self.remarks + remarks_on_run(run))
 
@@ -386,8 +386,8 @@ class RunAnswers:
         return {'cmm_sense': way.cmm_sense(n, rotation)}
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """What is wrong with the answers, in words: two to one target that was asked once, mistakes of the CMM."""
+    def remarks(self) -> tuple[ReadingRemark, ...]:
+        """What is wrong with the answers: two to one target that was asked once, mistakes of the CMM."""
         sessions = Counter(seq for seq, _ in {(target.seq, target.session) for target in self.targets})
         several = ((target, [one.centre for one in self._usable(target).values()]) for target in self._asked()
                    if target.attempt == sessions[target.seq] == 1 and len(self._by_seq.get(target.seq, ())) > 1)

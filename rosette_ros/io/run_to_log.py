@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A Run into a log: what `rosette import` writes, readable by every ROS tool."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,12 @@ MAX_SECONDS = 2**31  # seconds that a ROS time stamp can hold
 LATCHED = Qos(durability='transient_local')
 
 
-def write_log(run: Run, directory: str | Path, library: TypeLibrary | StoredTypes) -> Path:
+def write_log(run: Run, directory: str | Path, library: TypeLibrary | StoredTypes, said: Sequence[str] = ()) -> Path:
     """Write a Run as a log directory and return its path.
 
-    library: knows rosette_msgs. Each reading becomes a ProbeTarget and a BallCentre in the table frame; the rotation of
-    that, where it is known, goes to /tf_static, the repeatability, and how a table was read, to custom_data. Times are
-    kept to 1 ns, from 0 on.
+    library: knows rosette_msgs; said: how the readings were read and what is doubtful in them, in words. Each reading
+    becomes a ProbeTarget and a BallCentre in the table frame; the rotation of that, where it is known, goes to
+    /tf_static, the repeatability, and what is said, to custom_data. Times are kept to 1 ns, from 0 on.
 
     Raises InvalidData where the directory holds a log, or the run is longer than stamps can hold, CellError where
     the disk refuses; nothing is left then."""
@@ -38,7 +38,7 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary | StoredType
     stamp = np.rint((run.time - run.time[0]) * 1e9).astype(np.int64)
     targets, answers = zip(*_messages(run, run.run_id or directory.name, stamp), strict=True)
     messages = {}
-    with whole_log(directory, directory.name, custom_data=_known(run)) as writer:
+    with whole_log(directory, directory.name, custom_data=_known(run, said)) as writer:
         for topic, type_name, qos, rows in ((TARGET_TOPIC, log_run.PROBE_TARGET, LATCHED, targets),
                                             (ANSWER_TOPIC, log_run.BALL_CENTRE, Qos(), answers)):
             definition = library.definition(type_name)
@@ -80,9 +80,9 @@ def _frame_message(rotation: Floats) -> dict[str, Any]:
         'translation': dict.fromkeys('xyz', 0.0), 'rotation': dict(zip('xyzw', quaternion, strict=True))}}]}
 
 
-def _known(run: Run) -> dict[str, str]:
+def _known(run: Run, said: Sequence[str]) -> dict[str, str]:
     known = {'rosette.source': str(run.source)}
-    if said := (*run.notes, *run.remarks):
+    if said:
         known[log_run.NOTES_KEY] = '\n'.join(said)
     if run.simulated:
         known[log_run.SIMULATED_KEY] = 'yes'

@@ -33,6 +33,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
 from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, declared_sharing
 from rosette_ros.nodes.interfaces import introspected_service
+from rosette_ros.words.reading_words import remark_words
 from rosette_ros.words.result_words import conclusion_text
 from rosette_ros.words.settling_words import block_words, standing_words
 
@@ -114,7 +115,7 @@ class Evaluator(CellNode):
             self.status.report(self._last)  # ends the run: it would wait in vain for error motions
             return
         self._publish(fit, self._diagnose_after(fit.run))
-        doubts = ''.join(f'; {remark}' for remark in fit.run.remarks)
+        doubts = ''.join(f'; {remark_words(one)}' for one in fit.run.remarks)
         self._level = WARN if doubts else OK
         self._last = plain(f'run {run_id} is evaluated, {fit.run.size} ball centres{doubts}', most=2000)
         if doubts:

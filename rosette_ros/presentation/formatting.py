@@ -3,7 +3,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR as COVERAGE_FA
 from rosette_ros.words.effect_words import MEANINGS as MEANINGS
 from rosette_ros.words.effect_words import MICRO_DECIMALS as MICRO_DECIMALS
 from rosette_ros.words.effect_words import SCALES as SCALES
+from rosette_ros.words.effect_words import capital
 from rosette_ros.words.effect_words import decimals as decimals
 from rosette_ros.words.effect_words import exact as exact
 from rosette_ros.words.effect_words import fixed as fixed
@@ -259,13 +260,15 @@ def missing_words(run: Run) -> str:
     return '; '.join(filter(None, (places, missing)))
 
 
-def not_known(run: Run, gauge: Sequence[str]) -> list[str]:
-    """Return what the readings of a run do not tell, in sentences; gauge: combinations that no run tells."""
+def not_known(run: Run, gauge: Sequence[str], doubts: Iterable[str]) -> list[str]:
+    """Return what the readings of a run do not tell, in sentences.
+
+    gauge: combinations that no run tells; doubts: what is wrong with its readings, in words."""
     missing = missing_words(run).replace(' ...', ' and more')
     return [f'Cannot be measured by this method; removed: {"; ".join(gauge)}.',
             *([f'{missing[0].upper()}{missing[1:]}.'] if missing else []),
             *(['The repeatability is not known: lack of fit cannot be judged.'] if run.repeatability is None else []),
-            *(f'{remark[0].upper()}{remark[1:]}.' for remark in run.remarks)]
+            *(f'{capital(words)}.' for words in doubts)]
 
 
 def clamping_words(shift: Floats, turn: Floats, u: Floats | None = None) -> str:

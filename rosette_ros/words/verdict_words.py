@@ -21,7 +21,8 @@ from rosette_ros.core.diagnosis.verdict import (
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
 from rosette_ros.core.run.number_words import micrometres, multiple, p_words
-from rosette_ros.core.run.records import SI_UNITS, UNIT_DOUBT
+from rosette_ros.core.run.records import SI_UNITS
+from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Unseen
 from rosette_ros.words.effect_words import (
     MEANINGS,
@@ -35,6 +36,7 @@ from rosette_ros.words.effect_words import (
     setting_words,
 )
 from rosette_ros.words.effect_words import title_of as title_of
+from rosette_ros.words.reading_words import remark_words
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.diagnosis.posterior import Cause
@@ -156,7 +158,8 @@ def _outcome(verdict: Verdict) -> list[str]:
         'The repeatability is not known, so this rests on the structure of the residual alone.']
     match verdict.outcome:
         case Outcome.UNIT:
-            return [f'{capital(remark)}.' for remark in verdict.remarks if remark.startswith(UNIT_DOUBT)]
+            return [f'{capital(remark_words(remark))}.' for remark in verdict.remarks
+                    if remark.kind is RemarkKind.UNIT_OF_COORDINATES]
         case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED if verdict.missing:
             it = ('them' if len(verdict.missing) > 1 else
                   'the likeliest of them' if not verdict.missing[0].depth and verdict.missing[0].alternatives else 'it')
@@ -273,7 +276,8 @@ def _against_repeatability(residual: Residual) -> str:
 
 def _actions(verdict: Verdict) -> list[str]:
     """Return what to do, most urgent first."""
-    out = [f'check the readings: {remark}' for remark in verdict.remarks if not remark.startswith(UNIT_DOUBT)]
+    out = [f'check the readings: {remark_words(remark)}' for remark in verdict.remarks
+           if remark.kind is not RemarkKind.UNIT_OF_COORDINATES]
     if verdict.outcome == Outcome.UNIT:
         return [*out, 'correct the unit, and evaluate again']
     if verdict.missing:

@@ -13,6 +13,7 @@ from rosette_ros.core.run.geometry import Frame, rotation_matrix
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
+from rosette_ros.words.reading_words import remark_words
 
 
 def columns_of(text, names):
@@ -105,7 +106,8 @@ def test_wrong_units_are_named_with_their_factor():
             with pytest.raises(InvalidData, match=f'radius_mm: wanted about 182.5 mm, .* is {unit}, of {factor:g} mm'):
                 parse(text.replace('radius_mm: 182.5', radius))
             both = parse(scaled.replace('radius_mm: 182.5', radius))
-            assert any(f'{unit} (R = 182.5 mm)' in one for one in both.remarks) or unit == 'um', both.remarks
+            remarks = list(map(remark_words, both.remarks))
+            assert any(f'{unit} (R = 182.5 mm)' in one for one in remarks) or unit == 'um', remarks
 
 
 def test_times_that_no_ball_takes_are_doubted():
@@ -113,7 +115,8 @@ def test_times_that_no_ball_takes_are_doubted():
     for unit, factor, begin in (('ms', 1e3, 0), ('ms', 1e3, 1.76e12), ('minutes', 1 / 60, 0), ('hours', 1 / 3600, 0),
                                 ('days', 1 / 86400, 46000), ('µs', 1e6, 0), ('ns', 1e9, 1.76e18)):
         text = rows(lambda cells, by=factor, at=begin: [*cells[:8], repr(at + float(cells[8]) * by), *cells[9:]])
-        assert any(f'is time_s in {unit}, which would be 30' in one for one in parse(text).remarks), (unit, begin)
+        remarks = list(map(remark_words, parse(text).remarks))
+        assert any(f'is time_s in {unit}, which would be 30' in one for one in remarks), (unit, begin)
     for cell in ('08:30:15', '30. Mai', '2026-05-14 08:30'):
         with pytest.raises(InvalidData, match='it looks like a date or a time of day, which spreadsheets make of'):
             parse(changed(6, ',60,', f',{cell},'))
@@ -129,7 +132,7 @@ def test_rounding_is_found_before_the_frame_is_turned():
         rounded = [','.join([*cells[:5], *(f'{float(one) / factor:.{digits}f}' for one in cells[5:8]), *cells[8:]])
                    if (cells := line.split(','))[0].isdigit() else line for line in lines]
         remarks = parse('\n'.join(['# frame: machine', *rounded])).remarks
-        assert any(one.startswith(f'readings are rounded to {step}') for one in remarks), remarks
+        assert any(remark_words(one).startswith(f'readings are rounded to {step}') for one in remarks), remarks
 
 
 def test_import_and_info_say_what_was_taken(tmp_path, capsys):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a CMM's node does wrong is found from its answers, and said in the verdict."""
 
+import inspect
 import re
 import warnings
 
@@ -13,6 +14,7 @@ from rosette_ros.core.diagnosis.diagnosis import diagnose
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.run.records import resolution_of
+from rosette_ros.core.run.remarks import RemarkKind, remark
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
@@ -20,6 +22,8 @@ from rosette_ros.io.open_run import open_run
 from rosette_ros.io.reading_checks import check_answers, remarks_on_run
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words import reading_words
+from rosette_ros.words.reading_words import fact_words, remark_words
 from rosette_ros.words.verdict_words import verdict_text
 
 N = 6
@@ -53,6 +57,11 @@ def rounded(step):
     return lambda _, answer: tuple((np.rint(np.array(answer.centre) / step) * step).tolist())
 
 
+def said(run):
+    """Return the remarks on a run that is written as a table, in words."""
+    return [remark_words(one) for one in parse_csv(format_csv(run).encode()).remarks]
+
+
 MISTAKES = {
     'zero stamps': ('stamps', {'stamp_ns': lambda _, a: 0}, 'header.stamp is 0 in 59 of 59 answers'),
     'one stamp': ('stamps', {'stamp_ns': lambda _, a: BEGIN}, 'header.stamp is the same as another in 58 of 59'),
@@ -84,9 +93,9 @@ def test_a_mistake_is_named(mistake):
     """By its check alone, in the remarks of the run and in the verdict, which is not good."""
     check, changes, words = MISTAKES[mistake]
     run = measured(**changes)
-    found = {name: text for name, text in check_answers(run.counting()).items() if text}
+    found = {name: remark for name, remark in check_answers(run.counting()).items() if remark}
     assert list(found) == [check]
-    assert words in found[check]
+    assert words in remark_words(found[check])
     made = run.to_run()
     assert found[check] in made.remarks
     verdict = judge(made)
@@ -98,7 +107,7 @@ def test_a_mistake_is_named(mistake):
 def test_a_temperature_that_was_not_measured_is_a_doubt(unmeasured):
     """A field that no node sets is 0; so is what a thermometer gives before it is there."""
     verdict = judge(measured(temperature=unmeasured).to_run())
-    [words] = verdict.remarks
+    [words] = map(remark_words, verdict.remarks)
     assert re.match(r'the temperature is 0 °C in \d+ of 36 readings; was it measured\? ', words)
     assert verdict.level != Level.GOOD
 
@@ -110,12 +119,12 @@ def test_a_gap_of_an_hour_is_said():
     later = np.arange(run.size) >= 20
     for hours, also in ((1, 0), (2, 0), (1, 1)):
         gone = run.replace(time=run.time + 3600.0 * hours * later + 3600.0 * also * (np.arange(run.size) >= 30))
-        [words] = remarks_on_run(gone)
+        [words] = map(remark_words, remarks_on_run(gone))
         minutes = (gone.time[20] - gone.time[19]) / 60
         assert words.startswith(f'much time lies between readings 20 and 21 ({minutes:.0f} min)')
         assert (', 30 and 31 (' in words) == bool(also) and 'was the clock changed' in words
         table = parse_csv(format_csv(gone).encode())
-        assert table.remarks == (words,) and judge(table).level != Level.GOOD
+        assert tuple(map(remark_words, table.remarks)) == (words,) and judge(table).level != Level.GOOD
     assert remarks_on_run(run.replace(time=run.time + 3600.0 * later, session=1 + later)) == ()
     assert remarks_on_run(run.replace(time=3000.0 * np.arange(run.size))) == ()
     again = run.replace(repeats=True).take([*range(run.size), 3, 7])
@@ -130,7 +139,7 @@ def test_a_time_in_another_unit_says_nothing_of_effects_in_time(tmp_path, factor
     run = Machine(MachineConfig().changed(seed=2, plate={'balls': N}, hidden=[warm])).run(plan(N, 'sensitive'))
     (tmp_path / 'table.csv').write_text(format_csv(run.replace(time=1e4 + factor * run.time)))
     table = open_run(tmp_path / 'table.csv')
-    [words] = table.remarks
+    [words] = map(remark_words, table.remarks)
     assert f'is time_s in {unit}, which would be 3' in words
     assert words.endswith(' s? give seconds; until then effects in time cannot be found')
     with warnings.catch_warnings():
@@ -168,9 +177,9 @@ def test_a_table_is_checked_too():
     """Rounded coordinates, a constant time, another radius than stated."""
     run = Machine(MachineConfig().changed(seed=2, plate={'balls': N})).run(plan(N, 'random'))
     assert parse_csv(format_csv(run).encode()).remarks == ()
-    [remark] = parse_csv(format_csv(run.replace(centre=np.round(run.centre, 6))).encode()).remarks
+    [remark] = said(run.replace(centre=np.round(run.centre, 6)))
     assert remark.startswith('readings are rounded to 1 µm')
-    [remark] = parse_csv(format_csv(run.replace(time=np.zeros(run.size))).encode()).remarks
+    [remark] = said(run.replace(time=np.zeros(run.size)))
     assert remark.startswith('the time is the same in all 36 readings')
     for changed, words in (({'time': run.time / 3600}, 's apart, quicker than a CMM measures; is time_s in hours'),
                            ({'temperature': 32 + 1.8 * run.temperature}, '°C; is it in °F or K? give °C'),
@@ -180,6 +189,18 @@ def test_a_table_is_checked_too():
                            ({'temperature': np.where(np.arange(run.size) < 1, 0, run.temperature)}, '0 °C in 1 of 36'),
                            ({'repeatability': 2e-3}, 'the stated repeatability is 2000 µm; is it in mm or m? give µm'),
                            ({'repeatability': 1e-13}, 'repeatability is 0.000000100 µm; is it in mm or m? give µm')):
-        assert any(words in one for one in parse_csv(format_csv(run.replace(**changed)).encode()).remarks), words
-    [remark] = parse_csv(format_csv(run.replace(radius=0.2)).encode()).remarks
+        assert any(words in one for one in said(run.replace(**changed))), words
+    [remark] = said(run.replace(radius=0.2))
     assert 'lie on a circle of R = 182.5' in remark and 'not of 200 mm as stated' in remark
+
+
+NUMBERS = {'target': 'target 7', 'unit': 'hours', 'problem': 'log_0.mcap: cut short', 'likely': {'inch': 0.1825},
+           'after': ((20, 3700.0),), 'repeatability': 1e-7}
+
+
+@pytest.mark.parametrize('kind', RemarkKind)
+def test_every_kind_of_remark_is_said(kind):
+    """What is wrong, and where something can be done, what."""
+    names = inspect.signature(reading_words._SAYS[kind]).parameters
+    one = remark(kind, **{name: NUMBERS.get(name, 1) for name in names})
+    assert remark_words(one).startswith(fact_words(one)) and fact_words(one)

@@ -15,9 +15,11 @@ from std_msgs.msg import Header
 
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Frame
+from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.messages import Answer, Phase, Rows, TableFrame, Target, answer_of, table_frame_of
 from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.words.reading_words import remark_words
 
 N, RADIUS, S = 3, 0.1, 10**9
 CELLS = [(i, j) for i in range(1, N + 1) for j in range(1, N + 1)]
@@ -122,12 +124,13 @@ def test_two_answers_that_differ_are_told():
     """A second node answered, 10 µm higher; the same answer again, or one to a target asked twice, is none."""
     x, y, _ = nominal(*CELLS[3])
     other = answer(4, centre=(x, y, 1e-5), stamp_ns=4 * S + S // 3)
-    [told] = [one for one in collected(answers=[*ANSWERS, other]).to_run().remarks if 'second node' in one]
+    [told] = [remark_words(one) for one in collected(answers=[*ANSWERS, other]).to_run().remarks
+              if one.kind is RemarkKind.TWO_ANSWERS]
     assert told == ('target 4 (table position 2, ball 1) has two answers that differ by 10.0 µm, of which the '
                     'first counts; did a second node answer? Measure again with one CMM')
     for run in (collected(answers=[*ANSWERS, ANSWERS[3]]),
                 collected([*TARGETS, target(4, attempt=2, stamp_ns=20 * S)], [*ANSWERS, other])):
-        assert not any('second node' in one for one in run.to_run().remarks)
+        assert not any(one.kind is RemarkKind.TWO_ANSWERS for one in run.to_run().remarks)
 
 
 def test_without_an_answer_after_the_last_asking_the_first_counts():
@@ -150,7 +153,7 @@ def test_a_later_session_counts_whatever_its_attempt():
         known = collected(targets, [*ANSWERS, *answers])
         assert known.last_target(2) == again
         assert known.answer_to(2) == answers[1]
-        assert not any('second node' in one for one in known.to_run().remarks)
+        assert not any(one.kind is RemarkKind.TWO_ANSWERS for one in known.to_run().remarks)
     recorded = collected([*TARGETS, again], [*ANSWERS, answers[1]])
     assert known.readings_hash == recorded.readings_hash
 

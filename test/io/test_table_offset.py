@@ -20,6 +20,7 @@ from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.reading_words import notes_of
 
 N = 7
 STEP = 360 / N
@@ -101,7 +102,7 @@ def test_tables_and_logs_keep_the_offset(tmp_path, library):
     wanted = fit(run).error_motions
     for other in (table, again):
         assert other.table_offset == pytest.approx(np.deg2rad(20), abs=1e-11)
-        assert any('table position 1 is at 20 deg' in note for note in other.notes)
+        assert any('table position 1 is at 20 deg' in note for note in notes_of(other))
         assert np.abs(other.rotation - run.rotation).max() < 1e-12
         got = fit(other).error_motions
         assert np.abs(got.values - wanted.values).max() < 1e-12 and np.abs(got.angle - wanted.angle).max() < 1e-11

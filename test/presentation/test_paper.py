@@ -14,6 +14,7 @@ from pypdfium2 import raw
 from summaries import summary_of
 
 from rosette_ros.analysis import summarise
+from rosette_ros.core.run.remarks import RemarkKind, remark
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.formatting import MEANINGS
@@ -74,8 +75,9 @@ def html_of(kind):
     run = Machine(MachineConfig().changed(seed=2, plate={'balls': 8})).run(plan(8, 'random'), run_id=NAME)
     centre = run.centre.copy()
     centre[[9, 30]] += [[4e-6, 2e-6, 0], [0, -3e-6, -5e-6]]
+    damaged = remark(RemarkKind.LOG_DAMAGED, problem='cut short', others=0)
     return report_html(summarise(run.replace(
-        centre=centre, simulated=False, remarks=('the log is damaged',)).take(slice(0, -3))))
+        centre=centre, simulated=False, remarks=(damaged,)).take(slice(0, -3))))
 
 
 @pytest.fixture(scope='module')
@@ -181,7 +183,7 @@ def test_other_pages_stand_alone_too(printed):
     """A run with gaps and wrong readings, and a verification."""
     kind, _, sheets = printed
     wanted = {'verification': ['no real table was measured', 'Reproducibility', 'VDI/VDE 2617', 'Figure 1.'],
-              'wrong': ['3 missing: ', 'nothing in the data says that it is simulated', 'The log is damaged.',
+              'wrong': ['3 missing: ', 'nothing in the data says that it is simulated', 'log is damaged: cut short.',
                         'single wrong reading']}.get(kind, [])
     text = re.sub(r'\s', '', ' '.join(sheet.text for sheet in sheets)).lower()
     assert [one for one in wanted if re.sub(r'\s', '', one).lower() not in text] == []

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from rosette_ros.core.diagnosis.limits import SURE
-from rosette_ros.core.run.records import ROUNDED, UNIT_DOUBT, Floats, Run, resolution_of
+from rosette_ros.core.run.records import Floats, Run, resolution_of
+from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind
 from rosette_ros.core.uncertainty.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
@@ -258,7 +259,7 @@ class Verdict(Judged):
     present: tuple[tuple[str, float], ...] = ()
     noise: NoiseFacts = field(default_factory=NoiseFacts)
     step: float = 0.0
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[ReadingRemark, ...] = ()
     has_motions: bool = True
     reason: str = ''
     added: tuple[str, ...] = ()
@@ -287,8 +288,8 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Seque
     before, after, noise = _residual(fit), _residual(final), noise_facts(final)
     wrong, run = wrong_readings(final), fit.run
     step = resolution_of(run.centre)
-    is_rounded = any(remark.startswith(ROUNDED) for remark in run.remarks)
-    if any(remark.startswith(UNIT_DOUBT) for remark in run.remarks):  # nothing follows from such readings
+    doubts = {remark.kind for remark in run.remarks}
+    if RemarkKind.UNIT_OF_COORDINATES in doubts:  # nothing follows from such readings
         return Verdict(Outcome.UNIT, before, after, remarks=run.remarks)
     lacks = _missing(fit, final, missing, {one.name: one for one in claims}, causes, moments)
     if lacks or unnamed:
@@ -310,9 +311,10 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Seque
         max(len(wrong) - MOST_WRONG, 0), _too_large(final),
         tuple((one.name, one.rms) for one in fit.effects
               if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)),
-        noise, step if COARSE * final.rms < step and not (final.noise.resolution or is_rounded) else 0.0,
+        noise, step if COARSE * final.rms < step and not (
+            final.noise.resolution or RemarkKind.ROUNDED in doubts) else 0.0,
         tuple(remark for remark in run.remarks
-              if not (final.noise.resolution and remark.startswith(ROUNDED))),  # a kind of noise
+              if not (final.noise.resolution and remark.kind is RemarkKind.ROUNDED)),  # a kind of noise
         'table_motions' in fit.model.base)
 
 

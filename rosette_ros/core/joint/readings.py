@@ -125,7 +125,7 @@ class Readings:
         centre, rotation = run.from_angle_zero()
         return Readings(Plate.regular(run.n, run.radius), nominal_angles(run.n) + run.table_offset, run.table_position,
                         run.ball, centre, run.angle_deviation, run.approach, run.repeatability, run.repeatability_dof,
-                        frame, run.run_id, run.source, (*run.notes, *run.remarks), run.simulated, rotation, run)
+                        frame, run.run_id, run.source, run.notes, run.simulated, rotation, run)
 
     @property
     def size(self) -> int:

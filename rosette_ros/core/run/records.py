@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from rosette_ros.core.run.axes import iso_names
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Bools, Floats, Ints, nominal_angles, rotate_z, turned_frame, wrap
+from rosette_ros.core.run.remarks import ReadingRemark
 from rosette_ros.core.run.scheme import Way, cmm_position, unknown_sense, unwrap_travel
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
@@ -25,10 +26,6 @@ STEPS = tuple(digit * 10.0**power for power in range(-4, -10, -1) for digit in (
 """Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.2 mm ... 0.2 nm."""
 FEWEST_DIGITS = 6
 """So many coordinates that are whole numbers of steps are no chance."""
-ROUNDED = 'readings are rounded to'
-"""How a remark on the resolution begins."""
-UNIT_DOUBT = 'a circle of ball centres'
-"""How a remark begins that radius and coordinates may be in another unit."""
 
 _INTEGERS = ('table_position', 'ball', 'approach', 'session')
 _REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel', 'cmm_sense')
@@ -62,7 +59,7 @@ class Run:
     known; repeatability_axes: the same along x, y and z by themselves, m, a third of the degrees of freedom each;
     repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every
     pause (a run that was resumed, a CMM that was started again); source: its name in error messages; remarks: what is
-    wrong with the readings as a whole, and after '; ' what to do, notes: how they were read, in words; simulated:
+    wrong with the readings as a whole; notes: how they were read, in words; simulated:
     whether no real CMM measured it; rotation: (3, 3) of the table frame in the machine frame, its columns are the axes
     of the table, None where it is not known; table_offset: table angle of table position 1, rad. From there table_angle
     counts, and there ball 1 is on the x axis of centre and rotation: a run between the steps of the table looks like
@@ -94,7 +91,7 @@ class Run:
     repeats: bool = False
     session: Ints = _DERIVED
     source: str = 'run'
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[ReadingRemark, ...] = ()
     notes: tuple[str, ...] = ()
     simulated: bool = False
     rotation: Floats | None = None

@@ -22,7 +22,7 @@ from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
-from rosette_ros.io.reading_checks import known_temperatures, temperature_words
+from rosette_ros.io.reading_checks import known_temperatures, remark_on_temperature
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, budget_tables
 from rosette_ros.presentation.error_results import errors
@@ -36,6 +36,8 @@ from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import base_name, curves, tables_of, weak_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.effect_words import capital
+from rosette_ros.words.reading_words import notes_of, remark_words
 from rosette_ros.words.result_words import comparison_words
 from rosette_ros.words.verdict_words import HEADLINES, title_of, verdict_text
 
@@ -189,10 +191,10 @@ def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
             'the scatter of the readings and the uncertainty of the effects in the model')
     beyond = beyond_words(made.inputs.environment if made else None)
     return list(filter(None, (
-        *text.not_known(run, summary.fit.gauge),
+        *text.not_known(run, summary.fit.gauge, map(remark_words, run.remarks)),
         f'Not judged: {"; ".join(reasons)}.' if reasons else '',
         'The temperature was not measured.' if not known_temperatures(run).size else '', *(
-            f'{note[0].upper()}{note[1:]}.' for note in run.notes),
+            f'{capital(note)}.' for note in notes_of(run)),
         'The asynchronous error motion needs several runs.',
         f'U contains {what}; it does not contain effects that are not in the model{beyond}.')))
 
@@ -238,6 +240,7 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
 def _temperature(run: Run) -> str:
     known = known_temperatures(run)
     if not known.size:
-        return temperature_words(run.temperature) or 'not recorded'
+        doubt = remark_on_temperature(run.temperature)
+        return remark_words(doubt) if doubt else 'not recorded'
     first, last, low, high = (text.fixed(float(one), 3) for one in (known[0], known[-1], known.min(), known.max()))
     return f'{first} °C at the start, {last} °C at the end, between {low} and {high} °C'
