@@ -16,7 +16,7 @@ from rosette_ros.calibration.state_machine import SETTLING, Sequence
 from rosette_ros.core.run.errors import CellError, InvalidConfig, plain
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import EXTENDED, Phase, Target, answer_of, target_of
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 
 SUCCEEDED = 5
 """Kind of a CalibrationEvent: a run ended in success."""

@@ -34,7 +34,7 @@ from rosette_ros.core.run.geometry import Frame, table_frame, wrap
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.words.reading_words import remark_words
 
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0

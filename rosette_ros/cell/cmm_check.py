@@ -25,7 +25,8 @@ from rosette_ros.core.run.number_words import micrometres, significant
 from rosette_ros.core.run.touches import LEAST_TOUCHES, fit_spheres
 from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
 from rosette_ros.io.reading_checks import Check, check_answers, remark_on_temperature
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.liveliness import NodeMonitor
 from rosette_ros.nodes.node_requests import target_subscriptions
@@ -127,7 +128,7 @@ class CmmClient(CellClient):
         self._spin_until(lambda: False, ECHOES)
         checks = (*self._graph_checks(), self._one_answer(run), _answers(complaints, asked.total), *self._together(run))
         each = statistics.median(waited) if waited else None
-        return CmmReport(checks, each, each and each * plan.total, run.repeatability()[0])
+        return CmmReport(checks, each, each and each * plan.total, RunAssembly(run).repeatability()[0])
 
     def _ask(self, targets: Publisher, run: RunAnswers, asked: CalibrationPlan, index: int) -> Target:
         """Publish a target as the sequencer would, before its alignment."""
@@ -191,7 +192,7 @@ class CmmClient(CellClient):
         pairs = run.counting()
         if not pairs:
             return []
-        answers, sigma = [answer for _, answer in pairs], run.repeatability()[0]
+        answers, sigma = [answer for _, answer in pairs], RunAssembly(run).repeatability()[0]
         found = check_answers(pairs)
         checks = [Check(name, not (wrong := found[name]), remark_words(wrong) if wrong else held)
                   for name, held in HELD.items() if name in found]

@@ -19,6 +19,7 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import NOTES_KEY, RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
@@ -75,7 +76,7 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
         found = log.to_run(run_id)
     except RosetteError as error:
         problem = None if stopped else str(error)
-    remarks = [remark_words(one) for one in (found.remarks if found else answers.remarks)
+    remarks = [remark_words(one) for one in (found.remarks if found else RunAssembly(answers).remarks)
                if one.kind is not RemarkKind.LOG_DAMAGED]
     noted = dict.fromkeys([*(notes_of(found) if found else ()), *log.custom_data.get(NOTES_KEY, '').splitlines()])
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,

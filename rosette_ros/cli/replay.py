@@ -30,7 +30,7 @@ from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.log_reader import LoggedMessage, iter_log, read_log
 from rosette_ros.io.log_run import BALL_CENTRE, PROBE_TARGET, LogRun
 from rosette_ros.io.messages import Target, answer_of, target_of
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.conversions import error_motions_record, qos_profile, run_message

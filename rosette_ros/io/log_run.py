@@ -17,7 +17,8 @@ from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind, remark
 from rosette_ros.io import messages as msg
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.identity_file import Identity, parse_identity
-from rosette_ros.io.run_assembly import NO_RUN, RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import NO_RUN, RunAssembly
 from rosette_ros.io.safe_yaml import parse_mapping
 
 BALL_CENTRE = 'rosette_msgs/msg/BallCentre'
@@ -228,7 +229,7 @@ class LogRun:
 
         None where its centres were given in the table frame."""
         run = self.runs[run_id]
-        return None if run.is_in_table_frame else run.frame(str(self.path))
+        return None if run.is_in_table_frame else RunAssembly(run, str(self.path)).frame()
 
     def to_run(self, run_id: str | None = None) -> Run:
         """Return the Run of the log; run_id chooses where there are several.
@@ -239,7 +240,7 @@ class LogRun:
             topics = ', '.join(topic.name for topic in self.topics) or 'none'
             raise InvalidData(f'{source}: wanted ball centres ({BALL_CENTRE}), got none in {self.messages} messages '
                               f'(topics: {topics}){"".join(f"; {problem}" for problem in self.problems[:1])}')
-        run = self.run(run_id).to_run(source)
+        run = RunAssembly(self.run(run_id), source).run()
         run = run.replace(remarks=(*self.damage, *run.remarks), simulated=self.simulated)
         if run.repeatability is not None or REPEATABILITY_KEY not in self.custom_data:
             return run

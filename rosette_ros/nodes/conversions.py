@@ -26,7 +26,7 @@ from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import PublishedMotions
 from rosette_ros.io.messages import TOUCH_ARRAYS, Answer, Target, table_frame_of
 from rosette_ros.io.model_file import format_entry
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.words.verdict_words import noise_words, unexplained_words, verdict_text
 
 if TYPE_CHECKING:  # what fits models imports scipy, which takes a second

@@ -28,7 +28,8 @@ from rosette_ros.core.run.errors import InvalidModel, RosetteError, one_line, pl
 from rosette_ros.core.run.records import Run
 from rosette_ros.io.messages import TABLE_FRAME
 from rosette_ros.io.model_file import parse_entry, read_model
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
 from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, declared_sharing
@@ -106,9 +107,9 @@ class Evaluator(CellNode):
             return
         self._answers = None
         try:
-            where = f'run {run_id}'
-            readings = answers.to_run(where), answers.frame(where), answers.readings_hash
-            del answers  # 180 MB of 360 balls
+            assembly = RunAssembly(answers, f'run {run_id}')
+            readings = assembly.run(), assembly.frame(), answers.readings_hash
+            del answers, assembly  # 180 MB of 360 balls
             fit = self._in_use.evaluate(*readings)
         except RosetteError as error:
             self._report_failure(run_id, str(error))

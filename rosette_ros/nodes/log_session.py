@@ -22,7 +22,7 @@ from rosette_ros.io.bag_metadata import Qos, find_files
 from rosette_ros.io.log_reader import MAGIC, LoggedMessage, iter_log
 from rosette_ros.io.log_writer import COMPRESSIONS, LogWriter
 from rosette_ros.io.messages import answer_of, nanoseconds, phase_name, table_frame_of, target_of
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.io.type_definitions import TypeDefinition, TypeLibrary
 from rosette_ros.nodes import names
 from rosette_ros.nodes.interfaces import decoded, interface_class

@@ -14,7 +14,7 @@ from rosette_ros.calibration.goal import Job
 from rosette_ros.calibration.state_machine import with_advice
 from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.messages import Answer, Phase, Target, nanoseconds
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.nodes import conversions, names
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health
 from rosette_ros.nodes.liveliness import SETTLING

@@ -11,7 +11,8 @@ from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.run.errors import plain
 from rosette_ros.core.run.records import ErrorMotions, Run
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, TableFrame, Target
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 
 MOST_RUNS = 3
 """The answers of so many runs are kept: an answer may be received before the first target of its run."""
@@ -160,4 +161,4 @@ class CellState:
 
     def part_of_run(self) -> Run:
         """Return the Run of the ball centres so far; raises InvalidData where there are none."""
-        return self._run.to_run(plain(f'run {self.run_id}'))
+        return RunAssembly(self._run, plain(f'run {self.run_id}')).run()

@@ -20,7 +20,7 @@ from rosette_ros.core.run.errors import CellError, InvalidConfig
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.nodes import conversions
 
 SETTINGS = {wanted.name: wanted.default for wanted in PLANNED + LIMIT_SETTINGS}

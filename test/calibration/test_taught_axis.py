@@ -14,7 +14,8 @@ from rosette_ros.core.run.axes import refuse_other_sense, taught_frame
 from rosette_ros.core.run.errors import InvalidConfig, NotDeterminable
 from rosette_ros.core.run.geometry import Frame, rotation_matrix, table_frame
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.simulation import Machine, MachineConfig
 
 DEFAULTS = {wanted.name: wanted.default for wanted in PLANNED + LIMITS}
@@ -84,7 +85,7 @@ def test_a_cmm_that_knows_the_table_is_told_the_pole_in_its_frame():
     sequence = Sequence('run_a', plan_of(values((1, 0, 0), 20.0)), limits_of(DEFAULTS))
     asked = [one.target for one in answered(sequence, None, 'table') if isinstance(one, Ask)]
     assert {one.pole for one in asked if one.phase == Phase.RUN} == {(0.0, 0.0, 1.0)}
-    rotation = sequence.answers.to_run().rotation
+    rotation = RunAssembly(sequence.answers).run().rotation
     assert rotation == pytest.approx(taught_frame(ORIGIN, (1, 0, 0), np.deg2rad(20.0)).rotation, abs=1e-12)
 
 
@@ -94,8 +95,8 @@ def test_the_run_knows_the_rotation_that_was_found():
     true = Frame(taught_frame(ORIGIN, (0, 1, 0), 0.0).rotation @ rotation_matrix([1e-3, 0, 0]), np.array(ORIGIN))
     answered(sequence, true)
     sequence.answers.frames.append(type('Found', (tuple,), {'stamp_ns': 0, 'frame': true})((0, true)))
-    assert np.array_equal(sequence.answers.rotation(), true.rotation)
-    assert RunAnswers('none').rotation() is None
+    assert np.array_equal(RunAssembly(sequence.answers).rotation(), true.rotation)
+    assert RunAssembly(RunAnswers('none')).rotation() is None
 
 
 def test_a_table_that_turns_the_other_way_is_told():

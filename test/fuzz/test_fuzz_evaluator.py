@@ -19,7 +19,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import answer_of, target_of
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.nodes import conversions
 from rosette_ros.nodes.evaluation import ModelInUse
 from rosette_ros.nodes.evaluator import WANTED as EVALUATOR_WANTED

@@ -30,7 +30,8 @@ from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import Answer, Phase, Target
 from rosette_ros.io.model_file import parse_entry
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.io.safe_yaml import parse_yaml
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 
@@ -360,7 +361,7 @@ def test_answers_to_the_evaluator(rows):
         run.add_answer(answer)
     try:
         with bounded():
-            run = run.to_run('run')
+            run = RunAssembly(run, 'run').run()
     except RosetteError as error:
         assert 'run' in str(error)
         return

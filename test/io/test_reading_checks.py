@@ -20,7 +20,8 @@ from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.reading_checks import check_answers, remarks_on_run
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words import reading_words
 from rosette_ros.words.reading_words import fact_words, remark_words
@@ -85,7 +86,7 @@ def test_a_sound_cmm_is_not_remarked_on(turning):
     """Neither the answers nor the run."""
     run = measured(turning)
     assert not any(check_answers(run.counting()).values())
-    assert run.to_run().remarks == ()
+    assert RunAssembly(run).run().remarks == ()
 
 
 @pytest.mark.parametrize('mistake', MISTAKES)
@@ -96,7 +97,7 @@ def test_a_mistake_is_named(mistake):
     found = {name: remark for name, remark in check_answers(run.counting()).items() if remark}
     assert list(found) == [check]
     assert words in remark_words(found[check])
-    made = run.to_run()
+    made = RunAssembly(run).run()
     assert found[check] in made.remarks
     verdict = judge(made)
     assert found[check] in verdict.remarks
@@ -106,7 +107,7 @@ def test_a_mistake_is_named(mistake):
 @pytest.mark.parametrize('unmeasured', [lambda *_: 0.0, lambda target, one: one.temperature * (target.seq > 30)])
 def test_a_temperature_that_was_not_measured_is_a_doubt(unmeasured):
     """A field that no node sets is 0; so is what a thermometer gives before it is there."""
-    verdict = judge(measured(temperature=unmeasured).to_run())
+    verdict = judge(RunAssembly(measured(temperature=unmeasured)).run())
     [words] = map(remark_words, verdict.remarks)
     assert re.match(r'the temperature is 0 °C in \d+ of 36 readings; was it measured\? ', words)
     assert verdict.level != Level.GOOD
@@ -153,7 +154,7 @@ def test_a_time_in_another_unit_says_nothing_of_effects_in_time(tmp_path, factor
 
 def test_a_model_that_fits_doubtful_readings_is_an_outcome():
     """A zero travel changes no curve: the model fits, but the verdict is not good."""
-    run = measured(table_travel=lambda _, answer: 0.0).to_run()
+    run = RunAssembly(measured(table_travel=lambda _, answer: 0.0)).run()
     verdict = judge(run)
     assert verdict.outcome == Outcome.DOUBTFUL_READINGS
     assert re.fullmatch(r'The model fits: .*\. The readings themselves are in doubt\.', verdict_text(verdict).sentence)
@@ -170,7 +171,7 @@ def test_the_step_is_found_from_the_digits(step):
 
 def test_rounding_below_the_repeatability_is_no_mistake():
     """The machine repeats to 0.1 µm: steps of 50 nm add 1 % to its noise."""
-    assert measured(centre=rounded(5e-8)).to_run().remarks == ()
+    assert RunAssembly(measured(centre=rounded(5e-8))).run().remarks == ()
 
 
 def test_a_table_is_checked_too():

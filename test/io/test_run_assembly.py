@@ -18,7 +18,8 @@ from rosette_ros.core.run.geometry import Frame
 from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.messages import Answer, Phase, Rows, TableFrame, Target, answer_of, table_frame_of
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.words.reading_words import remark_words
 
 N, RADIUS, S = 3, 0.1, 10**9
@@ -67,7 +68,7 @@ def same(one, other):
 
 def test_run_holds_what_was_measured():
     """Everything in order of measuring, the time from the first reading."""
-    run = collected().to_run('here')
+    run = RunAssembly(collected(), 'here').run()
     assert (run.n, run.radius, run.run_id, run.source) == (N, RADIUS, 'r', 'here')
     assert run.is_complete
     assert run.time.tolist() == list(range(9))
@@ -79,7 +80,7 @@ def test_missing_balls_make_an_incomplete_run():
     """Failed, never answered, asked without answer: no error, but fewer readings."""
     known = collected(answers=[answer(seq, status=int(seq == 2)) for seq in range(1, 8)])
     assert (known.answered, known.is_complete, known.counts()) == (6, False, {Phase.RUN: (9, 6)})
-    run = known.to_run()
+    run = RunAssembly(known).run()
     assert run.size == 6
     assert not run.is_complete
 
@@ -97,16 +98,17 @@ def test_the_way_of_the_cmm_is_that_of_all_targets():
     targets = [placed(one) for one in TARGETS]
     whole = collected(targets, [placed(one) for one in ANSWERS])
     kept = [row for row in range(9) if row not in (2, 6)]
-    lost = collected(targets, [whole.answers[row] for row in kept]).to_run()
+    lost = RunAssembly(collected(targets, [whole.answers[row] for row in kept])).run()
     assert lost.unrecorded == ()
-    assert lost.cmm_sense.tolist() == whole.to_run().cmm_sense[kept].tolist()
-    imported = collected([targets[row] for row in kept], [whole.answers[row] for row in kept]).to_run()
+    assert lost.cmm_sense.tolist() == RunAssembly(whole).run().cmm_sense[kept].tolist()
+    imported = RunAssembly(collected([targets[row] for row in kept], [whole.answers[row] for row in kept])).run()
     assert imported.unrecorded == ('table_travel', 'cmm_sense')
 
 
 def test_answers_are_sorted_by_when_they_were_measured():
     """A ball that was put off stands where it was measured, not where it was asked."""
-    run = collected(answers=[answer(seq, stamp_ns=S * (20 if seq == 2 else seq)) for seq in range(1, 10)]).to_run()
+    late = [answer(seq, stamp_ns=S * (20 if seq == 2 else seq)) for seq in range(1, 10)]
+    run = RunAssembly(collected(answers=late)).run()
     assert run.time.tolist() == [0, 2, 3, 4, 5, 6, 7, 8, 19]
     assert (run.table_position[-1], run.ball[-1]) == (1, 2)
 
@@ -124,13 +126,13 @@ def test_two_answers_that_differ_are_told():
     """A second node answered, 10 µm higher; the same answer again, or one to a target asked twice, is none."""
     x, y, _ = nominal(*CELLS[3])
     other = answer(4, centre=(x, y, 1e-5), stamp_ns=4 * S + S // 3)
-    [told] = [remark_words(one) for one in collected(answers=[*ANSWERS, other]).to_run().remarks
+    [told] = [remark_words(one) for one in RunAssembly(collected(answers=[*ANSWERS, other])).run().remarks
               if one.kind is RemarkKind.TWO_ANSWERS]
     assert told == ('target 4 (table position 2, ball 1) has two answers that differ by 10.0 µm, of which the '
                     'first counts; did a second node answer? Measure again with one CMM')
     for run in (collected(answers=[*ANSWERS, ANSWERS[3]]),
                 collected([*TARGETS, target(4, attempt=2, stamp_ns=20 * S)], [*ANSWERS, other])):
-        assert not any(one.kind is RemarkKind.TWO_ANSWERS for one in run.to_run().remarks)
+        assert not any(one.kind is RemarkKind.TWO_ANSWERS for one in RunAssembly(run).run().remarks)
 
 
 def test_without_an_answer_after_the_last_asking_the_first_counts():
@@ -153,7 +155,7 @@ def test_a_later_session_counts_whatever_its_attempt():
         known = collected(targets, [*ANSWERS, *answers])
         assert known.last_target(2) == again
         assert known.answer_to(2) == answers[1]
-        assert not any(one.kind is RemarkKind.TWO_ANSWERS for one in known.to_run().remarks)
+        assert not any(one.kind is RemarkKind.TWO_ANSWERS for one in RunAssembly(known).run().remarks)
     recorded = collected([*TARGETS, again], [*ANSWERS, answers[1]])
     assert known.readings_hash == recorded.readings_hash
 
@@ -168,7 +170,7 @@ def test_answers_that_do_not_fit_are_counted_and_not_used():
     assert [one.seq for one, _ in known.counting()] == [2, 3, 4, 5]
     with pytest.raises(InvalidData, match=r"here: wanted ball centres of run 'r', got none that counts \(1 failed, "
                        r'1 to no target, 1 with another ball than asked, 1 without finite numbers\)'):
-        collected(answers=bad).to_run('here')
+        RunAssembly(collected(answers=bad), 'here').run()
 
 
 @settings(max_examples=60, deadline=None)
@@ -182,7 +184,7 @@ def test_order_of_arrival_and_duplicates_do_not_matter(order, between, again, fa
     for one in (*(arriving[row] for row in between), *(answers[row] for row in again)):
         known.add_target(one) if isinstance(one, Target) else known.add_answer(one)
     assert known.answered == 9 - len(failed)
-    assert same(known.to_run(), collected(answers=answers).to_run())
+    assert same(RunAssembly(known).run(), RunAssembly(collected(answers=answers)).run())
 
 
 ASKED = st.lists(st.tuples(st.just('asked'), st.integers(1, 9), st.integers(0, 99)), max_size=9)
@@ -207,7 +209,7 @@ def test_interleaving_of_the_topics_does_not_matter(asked, given, random):
     plain = collected(targets, answers)
     assert mixed.counting() == plain.counting()
     assert mixed.answered == plain.answered == len(plain.counting())
-    assert same(mixed.to_run(), plain.to_run())
+    assert same(RunAssembly(mixed).run(), RunAssembly(plain).run())
 
 
 @settings(max_examples=60, deadline=None)
@@ -249,7 +251,7 @@ def test_foreign_answers_take_bounded_memory_and_change_nothing(texts):
     assert len(known.answers) < 11_000
     assert max(len(one.text) + len(one.frame_id) for one in known.answers) < 1100
     assert not any('\x1b' in one.text + one.frame_id for one in known.answers)
-    assert same(known.to_run(), collected().to_run())
+    assert same(RunAssembly(known).run(), RunAssembly(collected()).run())
     known.add_target(target(1, attempt=2, stamp_ns=50 * S))
     known.add_answer(answer(1, stamp_ns=51 * S))
     assert known.answer_to(1).stamp_ns == 51 * S
@@ -279,7 +281,7 @@ def test_repeatability_is_pooled_over_balls_and_axes():
         [target(seq, phase=phase, table_position=i, ball=j) for seq, (phase, i, j) in enumerate(places, 1)],
         [answer(seq, table_position=i, ball=j, centre=tuple(1e-6 * x for x in centre))
          for seq, ((_, i, j), centre) in enumerate(zip(places, centres), 1)])
-    sigma, dof = known.repeatability()
+    sigma, dof = RunAssembly(known).repeatability()
     assert dof == 9
     assert sigma == pytest.approx(1e-6 * np.sqrt(2.5 / 9), rel=1e-12)
 
@@ -288,8 +290,8 @@ def test_repeatability_needs_repeats_that_differ():
     """One reading tells nothing; readings equal to rounding neither."""
     asked = [target(seq, phase=1, table_position=1, ball=1) for seq in (1, 2)]
     given = [answer(seq, table_position=1, ball=1, centre=(1.0, 2.0, 3.0)) for seq in (1, 2)]
-    assert collected(asked, given).repeatability() == (None, None)
-    assert collected(asked, given[:1]).repeatability() == (None, None)
+    assert RunAssembly(collected(asked, given)).repeatability() == (None, None)
+    assert RunAssembly(collected(asked, given[:1])).repeatability() == (None, None)
 
 
 FRAME = Frame(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 2, 3]))
@@ -303,7 +305,7 @@ def in_machine(one):
 
 def test_machine_frame_is_turned_into_the_table_frame():
     """p_table = R^T (p_machine - o)."""
-    run = collected(answers=map(in_machine, ANSWERS), frames=[TableFrame(0, FRAME)]).to_run()
+    run = RunAssembly(collected(answers=map(in_machine, ANSWERS), frames=[TableFrame(0, FRAME)])).run()
     np.testing.assert_allclose(run.centre, [one.centre for one in ANSWERS], atol=1e-15)
     assert run.centre[4].tolist() == list(ANSWERS[4].centre)
 
@@ -318,7 +320,7 @@ def test_frames_are_never_mixed(in_table, others):
         given = [one._replace(frame_id=others[wrong.index(one.seq)]) if one.seq in wrong else one for one in answers]
         for order in (given, given[::-1]):
             known = collected(answers=order, frames=[TableFrame(S // 2, FRAME)])
-            run = known.to_run()
+            run = RunAssembly(known).run()
             assert not set(zip(run.table_position, run.ball)) & {CELLS[seq - 1] for seq in wrong}
             assert (run.size, known.answered, [one.seq for one in known.failed()]) == (7, 7, [*wrong])
             assert known.unused()[f'in another frame than {"table" if in_table else "machine"}'] == 2
@@ -326,7 +328,7 @@ def test_frames_are_never_mixed(in_table, others):
             for seq in wrong:
                 known.add_target(target(seq, attempt=2, stamp_ns=50 * S))
                 known.add_answer(answers[seq - 1]._replace(stamp_ns=51 * S))
-            run = known.to_run()
+            run = RunAssembly(known).run()
             expected = [nominal(*one) for one in zip(run.table_position, run.ball, strict=True)]
             np.testing.assert_allclose(run.centre, expected, atol=1e-15)
             assert bool(known.lacking(9)) != in_table  # the transform is older than the first target
@@ -335,9 +337,9 @@ def test_frames_are_never_mixed(in_table, others):
 def test_the_frame_is_the_last_before_the_run():
     """Later ones are of another run; without any before it, the first of all is taken."""
     frames = [TableFrame(stamp, Frame(np.eye(3), np.full(3, float(stamp)))) for stamp in (0, S // 2, 2 * S)]
-    assert collected(frames=frames).frame().origin[0] == S // 2
-    assert collected(frames=frames[2:]).frame().origin[0] == 2 * S
-    assert collected().frame() is None
+    assert RunAssembly(collected(frames=frames)).frame().origin[0] == S // 2
+    assert RunAssembly(collected(frames=frames[2:])).frame().origin[0] == 2 * S
+    assert RunAssembly(collected()).frame() is None
 
 
 def test_two_frames_during_an_alignment_are_refused():
@@ -347,11 +349,11 @@ def test_two_frames_during_an_alignment_are_refused():
     other = Frame(FRAME.rotation, FRAME.origin + 1e-9)
     frames = [TableFrame(S // 5, other), TableFrame(S // 2 + 1, FRAME)]
     run = [one._replace(session=2) for one in TARGETS]
-    assert collected([*aligning, *run], answers, frames).to_run().size == 9
+    assert RunAssembly(collected([*aligning, *run], answers, frames)).run().size == 9
     with pytest.raises(InvalidData, match='here: wanted one table frame for run r, got 2 that differ; two cells'):
-        collected([aligning[0], *TARGETS], answers, frames).to_run('here')
+        RunAssembly(collected([aligning[0], *TARGETS], answers, frames), 'here').run()
     twice = [TableFrame(S // 5, FRAME), TableFrame(S // 2, FRAME)]
-    assert collected([aligning[0], *TARGETS], answers, twice).to_run().size == 9
+    assert RunAssembly(collected([aligning[0], *TARGETS], answers, twice)).run().size == 9
 
 
 @pytest.mark.parametrize('stamp', [S // 5, S // 2, 3600 * S])
@@ -364,8 +366,8 @@ def test_a_frame_of_an_earlier_run_is_not_that_of_this_one(stamp):
         run.add_target(one)
     for one in map(in_machine, ANSWERS):
         run.add_answer(one)
-    assert run.to_run().size == 9
-    assert all(one.frame() is FRAME for one in (run, run.with_centres({})))
+    assert RunAssembly(run).run().size == 9
+    assert all(RunAssembly(one).frame() is FRAME for one in (run, run.with_centres({})))
 
 
 def test_a_run_that_is_resumed_on_a_clock_that_lags_by_an_hour():
@@ -378,7 +380,7 @@ def test_a_run_that_is_resumed_on_a_clock_that_lags_by_an_hour():
         later = {'session': 2} if seq > 4 else {'stamp_ns': ahead + S * seq}
         run.add_target(target(seq, **later))
         run.add_answer(in_machine(answer(seq, stamp_ns=S * seq + S // 2 + ahead * (seq < 5))))
-    assert (run.lacking(9), run.frame(), run.to_run().size) == ('', FRAME, 9)
+    assert (run.lacking(9), RunAssembly(run).frame(), RunAssembly(run).run().size) == ('', FRAME, 9)
     again = RunAnswers('r')
     again.add_target(target(10, phase=2, stamp_ns=ahead + S // 10))
     again.frames.append(TableFrame(ahead + S // 3, Frame(np.eye(3), np.zeros(3))))
@@ -387,7 +389,7 @@ def test_a_run_that_is_resumed_on_a_clock_that_lags_by_an_hour():
     for seq in range(1, 10):
         again.add_target(target(seq, session=2))
         again.add_answer(in_machine(answer(seq)))
-    assert (again.lacking(9), again.frame(), again.to_run().size) == ('', FRAME, 9)
+    assert (again.lacking(9), RunAssembly(again).frame(), RunAssembly(again).run().size) == ('', FRAME, 9)
 
 
 def transform(parent='machine', child='cell/table', rotation=(0, 0, 0, 1), translation=(1, 2, 3)):
@@ -427,13 +429,13 @@ def test_what_is_no_run_is_refused_with_words(asked, given, words):
     """Each says where, what was wanted, what came; asked: of the last target."""
     targets = [*TARGETS[:8], TARGETS[8]._replace(**asked)]
     with pytest.raises(InvalidData, match=words):
-        collected(targets, map(given or (lambda one: one), ANSWERS)).to_run('here')
+        RunAssembly(collected(targets, map(given or (lambda one: one), ANSWERS)), 'here').run()
 
 
 def test_too_many_balls_are_a_mistake():
     """Before memory is asked for."""
     with pytest.raises(InvalidData, match='balls: wanted at most 10000, got 1000000000'):
-        collected([one._replace(balls=10**9) for one in TARGETS]).to_run()
+        RunAssembly(collected([one._replace(balls=10**9) for one in TARGETS])).run()
 
 
 def test_a_run_is_chosen_among_those_that_have_begun():
@@ -453,7 +455,7 @@ def test_a_run_is_chosen_among_those_that_have_begun():
 def test_infinite_temperature_is_unknown():
     """A broken sensor does not spoil the ball centre."""
     answers = [one._replace(temperature={1: math.inf, 2: math.nan}.get(one.seq, 20.0)) for one in ANSWERS]
-    assert np.isnan(collected(answers=answers).to_run().temperature[:2]).all()
+    assert np.isnan(RunAssembly(collected(answers=answers)).run().temperature[:2]).all()
 
 
 def in_sessions(first_of_second):
@@ -463,7 +465,7 @@ def in_sessions(first_of_second):
 def test_a_pause_is_marked_and_the_order_is_that_of_the_sessions():
     """Clocks may disagree over a pause; what was measured after it comes after it."""
     answers = [one._replace(stamp_ns=S * (200 + one.seq - 100 * (one.seq >= 5))) for one in ANSWERS]
-    run = collected(in_sessions(5), answers).to_run()
+    run = RunAssembly(collected(in_sessions(5), answers)).run()
     assert run.session.tolist() == [1] * 4 + [2] * 5
     assert run.pauses == (4,)
     assert run.ball.tolist() == [j for _, j in CELLS]
@@ -486,7 +488,7 @@ def test_the_travel_continues_where_the_table_counts_from_0_again(after, wanted)
                for one, place in zip(ANSWERS, places)]
     targets = [one._replace(**place, table_angle=TURNED[place['table_position'] - 1])
                for one, place in zip(in_sessions(6), places)]
-    run = collected(targets, answers).to_run()
+    run = RunAssembly(collected(targets, answers)).run()
     assert run.table_travel == pytest.approx(np.concatenate([TURNED[:5], wanted]), abs=1e-12)
 
 
@@ -494,7 +496,7 @@ def test_times_do_not_fall_over_a_pause():
     """A clock that was set back, or a simulated one that began again: the pause is as long as readings are apart."""
     def times(jump):
         answers = [one._replace(stamp_ns=S * (one.seq + 10_000 + jump * (one.seq >= 5))) for one in ANSWERS]
-        return collected(in_sessions(5), answers).to_run().time
+        return RunAssembly(collected(in_sessions(5), answers)).run().time
 
     assert times(-5000).tolist() == list(range(9))
     assert times(5000)[4] - times(5000)[3] == 5001
@@ -507,8 +509,8 @@ def test_repeatability_by_axis_is_along_the_table_frame():
     given = [answer(seq, table_position=1, ball=1, centre=(x, y, z), frame_id='machine')
              for seq, (x, y, z) in enumerate(((3e-6, 1e-6, 0), (-3e-6, 1e-6, 2e-6), (0, -2e-6, 1e-6)), 1)]
     known = collected(asked, given)
-    assert known._repeatability_axes(turn) == pytest.approx((np.sqrt(3e-12), 1e-6, 3e-6))
-    assert known._repeatability_axes(None) is None
+    assert RunAssembly(known)._repeatability_axes(turn) == pytest.approx((np.sqrt(3e-12), 1e-6, 3e-6))
+    assert RunAssembly(known)._repeatability_axes(None) is None
 
 
 def test_records_are_kept_in_columns():

@@ -17,7 +17,8 @@ from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.reading_words import notes_of
@@ -120,7 +121,7 @@ def test_targets_that_are_no_steps_of_one_table_are_refused():
         target = made.target(index)._replace(run_id='mixed', stamp_ns=index)
         answers.add_target(target._replace(table_angle=target.table_angle + 0.1 * (index % 2)))
     with pytest.raises(InvalidData, match='table_angle: wanted targets at steps of 360 deg / 4, got 1'):
-        answers._table_offset(answers.targets, 'log')
+        RunAssembly(answers, 'log')._table_offset(answers.targets)
 
 
 def test_runs_are_turned_back_for_a_joint_evaluation():

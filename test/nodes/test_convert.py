@@ -23,7 +23,7 @@ from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.bag_metadata import INFINITE, Qos
 from rosette_ros.io.messages import STATUS_OK, Answer, answer_of, nanoseconds, table_frame_of, target_of
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.nodes import conversions
 from rosette_ros.simulation import Machine, MachineConfig
 

@@ -7,7 +7,7 @@ from rosette_msgs.msg import BallCentre, ProbeTarget, RunState
 
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import answer_of, target_of
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.nodes import conversions
 from rosette_ros.nodes.base_node import OK, WARN
 from rosette_ros.nodes.evaluator import Evaluator

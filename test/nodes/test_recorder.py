@@ -30,7 +30,8 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.io import bag_metadata, log_writer
 from rosette_ros.io.log_reader import iter_log, read_log
-from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.run_answers import RunAnswers
+from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes import recorder as recorder_module
 from rosette_ros.nodes.base_node import WAKE_PERIOD
@@ -301,7 +302,7 @@ def test_a_frame_of_an_earlier_run_is_none_of_a_resumed_one(recorder, tmp_path):
         resumed = recorder._on_start(StartRecording.Request(run_id='run', resumes='run'), StartRecording.Response())
         assert resumed.success, resumed.message
         recorder._close()
-        assert read_log(tmp_path / part).runs['run'].frame().origin.tolist() == [1.0, 0.0, 0.0]
+        assert RunAssembly(read_log(tmp_path / part).runs['run']).frame().origin.tolist() == [1.0, 0.0, 0.0]
 
 
 def test_the_log_is_not_read_again_and_again(recorder, monkeypatch):
