@@ -12,7 +12,7 @@ import yaml
 from rosette_ros.calibration import settings
 from rosette_ros.calibration.calibration_plan import CalibrationPlan, block_of
 from rosette_ros.calibration.settings import Value
-from rosette_ros.calibration.state_machine import SETTLING, Sequence
+from rosette_ros.calibration.state_machine import Sequence
 from rosette_ros.core.run.errors import CellError, InvalidConfig, plain
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import EXTENDED, Phase, Target, answer_of, target_of
@@ -170,8 +170,7 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
     if any(event.kind == SUCCEEDED for event in recalled.events):
         raise CellError(f'resume: run {run_id} lacks nothing: it ended in success and its log is closed')
     sequence = Sequence(run_id, plan, settings.limits_of(values), earlier, until=settings.until_of(values))
-    said = (event.text for event in reversed(recalled.events) if event.kind == EXTENDED)
-    sequence.open = next((plain(text).removeprefix(SETTLING) for text in said if text.startswith(SETTLING)), '')
+    sequence.open = next((plain(event.text) for event in reversed(recalled.events) if event.kind == EXTENDED), '')
     return Job(sequence, request, plan.scheme.order, settings.format_settings(values), resumes=recalled.log,
                located_ns=earlier.run_begin())
 

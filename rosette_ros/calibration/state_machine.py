@@ -4,7 +4,6 @@
 Whoever drives it passes the time (steady, s) and carries out the commands that each step returns."""
 
 import math
-import shlex
 from array import array
 from collections import deque
 from collections.abc import Callable, Collection
@@ -31,53 +30,44 @@ from rosette_ros.calibration.commands import (
 from rosette_ros.core.run.axes import refuse_other_axis, refuse_other_sense
 from rosette_ros.core.run.errors import RosetteError, plain
 from rosette_ros.core.run.geometry import Frame, table_frame, wrap
+from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind, remark
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.words.reading_words import remark_words
+from rosette_ros.words.settling_words import settled_words, settling_words
 
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
-KEPT, NOTHING, CONTINUE = 'what was measured is in', 'nothing was measured', 'continue with: '
 PAUSE = 'the plan has a pause here, resume the run after it'
-SETTLING = 'settling: '
-"""Begin of what is open, while readings are added."""
 
 
-def with_advice(words: str, log: str, is_measured: bool, where: Collection[str]) -> str:
-    """Return how a run ended and how to continue it; log: '' where there is none; where: options of its cell."""
-    words = words.removesuffix(f'; {KEPT} the log').removesuffix(f'; {NOTHING}')
-    more = f'{CONTINUE}{shlex.join(["rosette", "calibrate", "--resume", log, *where])}'
-    return f'{words}; {NOTHING if not is_measured else f"{KEPT} {log}; {more}" if log else f"{KEPT} no log"}'
-
-
-def complaint(answer: Answer, target: Target, limits: Limits, frames: Collection[str] = FRAMES) -> str:
-    """Return why an answer is no measurement of its target, '' where it is one; frames: in which it may be."""
+def complaint(answer: Answer, target: Target, limits: Limits,
+              frames: Collection[str] = FRAMES) -> ReadingRemark | None:
+    """Return why an answer is no measurement of its target, None where it is one; frames: in which it may be."""
     wanted, got = ((one.table_position, one.ball, one.cmm_position) for one in (target, answer))
     if wanted != got:
-        return f'wanted table position, ball, CMM position {wanted}, got {got}'
+        return remark(RemarkKind.OTHER_BALL, wanted=wanted, got=got)
     if answer.status != STATUS_OK:
-        return f'the CMM reports: {plain(answer.text) or "failed, without a reason"}'
+        return remark(RemarkKind.CMM_FAILED, reason=plain(answer.text))
     if not answer.is_finite:
-        return (f'wanted finite numbers, got centre {answer.centre}, table_angle {answer.table_angle}, table_travel '
-                f'{answer.table_travel}')
+        return remark(RemarkKind.NOT_FINITE, centre=answer.centre, angle=answer.table_angle,
+                      travel=answer.table_travel)
     frame, asked = answer.frame, short_frame(target.frame_id)
     if frame not in frames:
-        return (f'wanted frame_id {" or ".join(map(repr, frames))}{" as in most answers" * (len(frames) == 1)}, got '
-                f'{answer.frame_id!r}')
+        return remark(RemarkKind.OTHER_FRAME, frames=tuple(frames), got=answer.frame_id)
     if abs(float(wrap(answer.table_angle - target.table_angle))) > limits.angle:
         degrees = abs(float(wrap(np.deg2rad(answer.table_angle) - target.table_angle))) <= limits.angle
-        return (f'wanted the table within {limits.angle:g} rad of {target.table_angle:.6f} rad, got '
-                f'{answer.table_angle:.6f} rad{"; that is degrees, give radians" * degrees}')
+        return remark(RemarkKind.OTHER_ANGLE, limit=limits.angle, wanted=target.table_angle, got=answer.table_angle,
+                      is_in_degrees=degrees)
     limit = limits.search if target.phase in (Phase.REPEATABILITY, Phase.ALIGNMENT) else limits.distance
     expected = target.centre if frame == asked else target.place
     away = math.dist(answer.centre, expected)
     if away <= limit:
-        return ''
+        return None
     millimetres = math.dist([1e-3 * one for one in answer.centre], expected) <= limit
-    return (f'wanted a ball within {1e3 * limit:g} mm of the target, got {1e3 * away:.3f} mm'
-            f'{"; these are millimetres, give metres" * millimetres}')
+    return remark(RemarkKind.FAR_AWAY, limit=limit, away=away, is_in_millimetres=millimetres)
 
 
 class Sequence:
@@ -136,7 +126,7 @@ class Sequence:
         if self._held and not self.phase.is_end:
             return f'{self._held}; waiting for {"it" if self._is_gone else "the end of one"}'
         target = self._asked
-        why = f'{SETTLING}{self.open}; ' if self.open and self.is_settling and not self.phase.is_end else ''
+        why = f'{self.open}; ' if self.open and self.is_settling and not self.phase.is_end else ''
         if target is None:
             return f'{why}{self.text}'
         place, size = self.plan.place_in_phase(target.seq - 1)
@@ -161,8 +151,8 @@ class Sequence:
             self._unused.append(answer.seq)
             self._early += answer.seq > self._next_index
             return ()
-        if words := complaint(answer, target, self.limits, self.answers.in_frames):
-            return (*self._not_used(), *self._again(words, now, answer.is_refused))
+        if doubt := complaint(answer, target, self.limits, self.answers.in_frames):
+            return (*self._not_used(), *self._again(remark_words(doubt), now, answer.is_refused))
         commands = self._not_used()
         self._asked, self._left_by = None, target.seq
         commands += self._take(target, answer)
@@ -234,14 +224,11 @@ class Sequence:
         """Take the readings that follow, None where none do; text: what is settled or open."""
         if self.phase is not Phase.EVALUATION or self._results is None or self._held or not self.is_settling:
             return ()
-        self.open = text
         if block is not None and self._left_to_add > 0:
-            self.plan = self.plan.followed_by(block)
-            return Extended(f'{SETTLING}{text}'), *self._next(now)
+            self.plan, self.open = self.plan.followed_by(block), settling_words(text)
+            return Extended(self.open), *self._next(now)
         self.is_settling = False
-        if block is not None:
-            self.open = f'{text}, after as many readings as are to be added ({self.plan.added.ball.size})'
-        self.open = f'{"" if is_settled else "not "}settled: {self.open}'
+        self.open = settled_words(text, is_settled, self.plan.added.ball.size if block is not None else 0)
         more = self._next(now) if self._next_index < self.plan.total else self._check(self._results)
         return Extended(self.open), *more
 
@@ -389,8 +376,7 @@ class Sequence:
         words = f'{target}: asked {times}, last: {words}{doubt}'
         reason = self._why_not_skipped(target)
         if reason is not None:
-            return self._finish(Phase.FAILED, f'{words}; {reason}'
-                                f'{f"{KEPT} the log" if self.done else NOTHING}')
+            return self._finish(Phase.FAILED, '; '.join(filter(None, (words, reason))))
         self.skipped.append(target)
         self._asked, self._skipped_last = None, True
         return (Remark(f'{words}; left out, {len(self.skipped)} of at most {self.limits.skips}'), *self._next(now))
@@ -406,9 +392,9 @@ class Sequence:
         if not self.limits.skips or target.phase != Phase.RUN:
             return ''
         if self._skipped_last:
-            return 'the ball before it was left out too: the CMM seems to be disconnected; '
+            return 'the ball before it was left out too: the CMM seems to be disconnected'
         if len(self.skipped) >= self.limits.skips:
-            return f'as many balls as allowed ({len(self.skipped)}) were left out already; '
+            return f'as many balls as allowed ({len(self.skipped)}) were left out already'
         return None
 
     def _align(self) -> Commands:

@@ -123,8 +123,8 @@ class CmmClient(CellClient):
             received, _, answer = next(one for one in self._of(run.run_id) if one[2].seq == target.seq)
             waited.append(received - began)
             run.add_answer(answer)
-            words = complaint(answer, target, limits, run.in_frames)
-            complaints += [f'{target}: {words}'] if words else []
+            doubt = complaint(answer, target, limits, run.in_frames)
+            complaints += [f'{target}: {remark_words(doubt)}'] if doubt else []
         self._spin_until(lambda: False, ECHOES)
         checks = (*self._graph_checks(), self._one_answer(run), _answers(complaints, asked.total), *self._together(run))
         each = statistics.median(waited) if waited else None

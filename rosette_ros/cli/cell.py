@@ -19,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import FIELDS, IDENTITY, LIMITS, OPTIONS, PLATE, RUN
-from rosette_ros.calibration.state_machine import CONTINUE, PAUSE
+from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CalibrationOutcome, CellClient, HangDetector
 from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, MOST_PARAMETERS, Cell
@@ -50,6 +50,7 @@ from rosette_ros.nodes.parameters import sections
 from rosette_ros.presentation.formatting import duration, signs
 from rosette_ros.presentation.tables import curves
 from rosette_ros.simulation import MachineConfig, load_machine
+from rosette_ros.words.calibration_words import CONTINUE
 
 CMMS = ('simulated', 'dme')
 DME = CMMS[1]

@@ -11,7 +11,6 @@ from rosette_msgs.srv import EvaluateJointly, Recorded, StartRecording, StopReco
 
 from rosette_ros.calibration import commands as to
 from rosette_ros.calibration.goal import Job
-from rosette_ros.calibration.state_machine import with_advice
 from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.messages import Answer, Phase, Target, nanoseconds
 from rosette_ros.io.run_answers import RunAnswers
@@ -20,6 +19,7 @@ from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health
 from rosette_ros.nodes.liveliness import SETTLING
 from rosette_ros.nodes.node_requests import END_EVENTS, CellMonitor, NextBlock, PlanCheck, RecorderLink, Requests
 from rosette_ros.nodes.run_topics import RunTopics
+from rosette_ros.words.calibration_words import with_advice
 
 TELL = 60.0  # a run logs its progress so often, s
 REMARKS = 5  # so many of the last warnings of a run are in /diagnostics

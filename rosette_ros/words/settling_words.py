@@ -28,12 +28,23 @@ def pair_words(pair: 'Separation', between: str) -> str:
 
 
 def open_words(found: 'NextReadings') -> str:
-    """Return what is open: 'settling: warm-up or drift, 61 % against 39 %', '' where nothing is."""
+    """Return what is open: 'warm-up or drift, 61 % against 39 %', '' where nothing is."""
     if found.is_settled:
         return ''
     if (pair := found.separates) is None:
-        return f'settling: U is {1e6 * found.uncertainty:.3g} µm'
-    return f'settling: {pair_words(pair, "or")}, {odds(pair.now)}'
+        return f'U is {1e6 * found.uncertainty:.3g} µm'
+    return f'{pair_words(pair, "or")}, {odds(pair.now)}'
+
+
+def settling_words(what: str) -> str:
+    """Return that more readings are measured, and for what."""
+    return f'settling: {what}'
+
+
+def settled_words(what: str, is_settled: bool, added: int = 0) -> str:
+    """Return that no more readings are measured: what is settled, or open; added: readings, where no more may be."""
+    after = f', after as many readings as are to be added ({added})' if added else ''
+    return f'{"" if is_settled else "not "}settled: {what}{after}'
 
 
 def block_words(found: 'NextReadings') -> str:
@@ -61,7 +72,7 @@ def standing_words(found: 'NextReadings') -> str:
     """Return how it stands: 'warm-up or drift, 61 % against 39 %', why no block helps, or what is settled."""
     if found.is_settled:
         return contender_words(found.contenders[0])
-    return hopeless_words(found) or open_words(found).removeprefix('settling: ')
+    return hopeless_words(found) or open_words(found)
 
 
 def next_words(found: 'NextReadings') -> list[str]:
@@ -69,7 +80,8 @@ def next_words(found: 'NextReadings') -> list[str]:
     if found.is_settled:
         best = found.contenders[0]
         return [f'Settled: {contender_words(best)}, U = {1e6 * found.uncertainty:.3g} µm.', NOTHING_TO_DO]
-    return [f'{capital(text)}.' for text in (open_words(found), block_words(found), hopeless_words(found)) if text]
+    return [f'{capital(text)}.' for text in (
+        settling_words(open_words(found)), block_words(found), hopeless_words(found)) if text]
 
 
 def odds(share: float) -> str:

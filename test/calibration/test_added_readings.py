@@ -236,7 +236,8 @@ def test_a_run_that_is_resumed_measures_the_rest_of_its_block(lost):
     text = format_settings(VALUES) + format_added(whole.plan)
     job = make_job(Request('calibrate', {'resume': 'run_a'}), VALUES, (), recalled(
         whole, text, len(whole.answers.targets) - min(lost, 3)))
-    assert job.settings == text and job.sequence.until == Until(0.95, 0.0, 0) and job.sequence.open == WHY
+    assert job.settings == text and job.sequence.until == Until(0.95, 0.0, 0)
+    assert job.sequence.open == f'settling: {WHY}'
     asked, _ = measure(job.sequence, job.sequence.begin(0.0))
     assert [one.seq for one in asked] == [20, 19, 18][:min(lost, 3)][::-1]
     assert asking(job.sequence).readings == 9 - 3

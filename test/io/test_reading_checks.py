@@ -195,7 +195,8 @@ def test_a_table_is_checked_too():
     assert 'lie on a circle of R = 182.5' in remark and 'not of 200 mm as stated' in remark
 
 
-NUMBERS = {'target': 'target 7', 'unit': 'hours', 'problem': 'log_0.mcap: cut short', 'likely': {'inch': 0.1825},
+NUMBERS = {'target': 'target 7', 'frames': ('machine', 'table'), 'centre': (1.0, 2.0, 3.0), 'reason': 'no ball',
+           'unit': 'hours', 'problem': 'log_0.mcap: cut short', 'likely': {'inch': 0.1825},
            'after': ((20, 3700.0),), 'repeatability': 1e-7}
 
 

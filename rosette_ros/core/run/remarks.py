@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with the readings of a run as a whole: a kind, by which every decision is made, and numbers."""
+"""What is wrong with the readings of a run, or with one of them: a kind, by which all is decided, and numbers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -30,6 +30,13 @@ class RemarkKind(StrEnum):
     NO_TEMPERATURE = 'temperature not measured'
     GAPS = 'much time between readings'
     OTHER_RADIUS = 'radius is not that of the circle'
+    # of a single answer
+    OTHER_BALL = 'answer to another place or ball'
+    CMM_FAILED = 'the CMM reports a failure'
+    NOT_FINITE = 'numbers are not finite'
+    OTHER_FRAME = 'answer in another frame'
+    OTHER_ANGLE = 'table at another angle'
+    FAR_AWAY = 'ball far from the target'
 
 
 @dataclass(frozen=True)
