@@ -22,7 +22,8 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     include_package_data=False,
-    package_data={PACKAGE: ['py.typed', *(f'**/*.{one}' for one in ('yaml', 'j2', 'css', 'js', 'json', 'svg', 'xml'))]},
+    package_data={PACKAGE: ['py.typed', *(
+        f'**/*.{one}' for one in ('yaml', 'j2', 'css', 'js', 'json', 'sh', 'svg', 'xml'))]},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -2,7 +2,6 @@
 """How many logs are evaluated: one after the other in this process, or by the workers of a Dask cluster."""
 
 import logging
-import os
 import re
 import signal
 import time
@@ -11,6 +10,7 @@ from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
 import dask
+from dask.system import CPU_COUNT
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from rosette_ros.core.run.errors import InvalidConfig
@@ -46,7 +46,7 @@ class DaskEngine(AbstractContextManager['DaskEngine']):
         if scheduler and not ADDRESS.fullmatch(scheduler):
             raise InvalidConfig(f'--scheduler {scheduler}: wanted the address of a Dask scheduler such as '
                                 'tcp://host:8786, got one without a port')
-        self._scheduler, self._workers = scheduler, workers or len(os.sched_getaffinity(0))
+        self._scheduler, self._workers = scheduler, workers or CPU_COUNT
         self._cluster: LocalCluster | None = None
         self._client: Client | None = None
         self._threads, self._counted = 0, -FRESH

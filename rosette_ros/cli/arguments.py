@@ -8,6 +8,7 @@ import importlib.util
 import math
 import os
 import re
+import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -25,6 +26,8 @@ from rosette_ros.requirements import install_command
 PICTURES = ('.png', '.svg', '.pdf')
 WRITTEN = ('output', 'pdf', 'figure', 'noise_picture', 'save')
 """Options that name a file to write; a file that another one names is read."""
+ENDS = tuple(signal.Signals[name] for name in ('SIGTERM', 'SIGHUP') if name in signal.Signals.__members__)
+"""Signals that ask a verb to end, of those that the system has."""
 IN_LOG = 'who, what and where (YAML, rosette-identity/1), kept in the log of each run'
 _ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
 _SOURCE = 'this needs ROS 2: source the set-up file of ROS 2 and of the workspace'

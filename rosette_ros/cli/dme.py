@@ -3,6 +3,7 @@
 
 import argparse
 import asyncio
+import contextlib
 import re
 import signal
 import sys
@@ -15,7 +16,7 @@ import numpy as np
 import yaml
 
 from rosette_ros import command
-from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, positive, whole
+from rosette_ros.cli.arguments import ENDS, UsageError, add_shared, picture_file, positive, whole
 from rosette_ros.cli.console import console, print_checks, print_json, print_parts
 from rosette_ros.core.run.errors import CellError, InvalidPlan, RosetteError
 from rosette_ros.core.run.geometry import rotate_z
@@ -270,11 +271,11 @@ def _run(work: Coroutine[Any, Any, Result]) -> Result:
                 ended.append(number)
                 task.cancel()
         for number in found:
-            loop.add_signal_handler(number, end, number)
+            with contextlib.suppress(NotImplementedError):  # a loop that knows Ctrl-C only
+                loop.add_signal_handler(number, end, number)
         return await task
 
-    found = {number: before for number in (signal.SIGTERM, signal.SIGHUP)
-             if (before := signal.getsignal(number)) not in (signal.SIG_IGN, None)}
+    found = {number: before for number in ENDS if (before := signal.getsignal(number)) not in (signal.SIG_IGN, None)}
     try:
         return asyncio.run(cancellable())
     except asyncio.CancelledError:

@@ -24,7 +24,7 @@ from types import FrameType
 from typing import Any, NoReturn, TypeAlias
 
 from rosette_ros import __version__
-from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs, load
+from rosette_ros.cli.arguments import ENDS, UsageError, expand_home, keep_inputs, load
 from rosette_ros.core.run.errors import RosetteError, one_line, unknown_name
 from rosette_ros.core.run.number_words import show_angles
 from rosette_ros.nodes.environment import check_middleware
@@ -131,10 +131,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='signs')
-    ends = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) is signal.SIG_DFL]
+    ends = [one for one in ENDS if signal.getsignal(one) is signal.SIG_DFL]
     for number in ends:  # nohup stays as it is
         signal.signal(number, _end)
-    if argv is None and ends:  # the process is that of the command
+    if argv is None and ends and os.name == 'posix':  # the process is that of the command
         told, tells = os.pipe()
         os.set_blocking(tells, False)
         signal.set_wakeup_fd(tells)
@@ -254,19 +254,16 @@ def run_shell(options: argparse.Namespace) -> None:
 
     A start-up file may put other folders before ours; bash is given one that reads the user's and then ours."""
     folder = str(Path(sys.executable).parent)
-    environment = {**os.environ, 'PATH': os.pathsep.join([folder, os.environ.get('PATH', os.defpath)])}
-    command = options.command or [os.environ.get('SHELL', 'sh')]
-    found = shutil.which(command[0], path=environment['PATH'])
+    path = os.pathsep.join([folder, os.environ.get('PATH', os.defpath)])
+    environment = {**os.environ, 'ROSETTE_BIN': folder, 'PATH': path}
+    command = options.command or [os.environ.get('SHELL') or os.environ.get('COMSPEC', 'sh')]
+    found = shutil.which(command[0], path=path)
     if found is None:
         raise UsageError(f'shell: wanted a command, got {command[0]!r}, which is not found')
     if not options.command:
         print(f'{command[0]} with rosette and python of {folder}; exit leaves it', flush=True)
         if Path(found).name == 'bash':
-            begin, end = os.pipe()
-            os.write(end, f'[ -f ~/.bashrc ] && . ~/.bashrc\nPATH={shlex.quote(folder)}:$PATH\n'.encode())
-            os.close(end)
-            os.set_inheritable(begin, True)
-            command += ['--rcfile', f'/dev/fd/{begin}']
+            command += ['--rcfile', str(Path(__file__).with_name('shell.sh'))]
     os.execve(found, command, environment)
 
 

@@ -7,7 +7,7 @@ import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rosette_ros.cli.arguments import add_shared, whole
+from rosette_ros.cli.arguments import ENDS, add_shared, whole
 from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.io.log_reader import runs_in
 from rosette_ros.io.open_run import is_log
@@ -37,8 +37,9 @@ def run(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C."""
     for path in options.runs:
         is_log(path)  # raises at once where the path does not exist
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # the terminal is closed: uvicorn knows the others only
-        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
+    for end in ENDS:
+        if end != signal.SIGTERM and signal.getsignal(end) is not signal.SIG_IGN:  # uvicorn knows the other one only
+            signal.signal(end, lambda *_: signal.raise_signal(signal.SIGTERM))
     serve(studio_options(options, os.environ), lambda address: print(f'rosette studio: {address}', flush=True))
 
 

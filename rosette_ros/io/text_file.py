@@ -19,13 +19,16 @@ EXISTS = 'exists already; take another name or use --force'
 NO_FILE = 'a device or a pipe'
 READ_IN_FOLDERS = ('*.mcap', 'metadata.yaml', 'rosette-archive.json', '*/*.parquet')
 """What is read of a log and of an archive."""
+_DRIVE = re.compile(r'^/([A-Za-z]:[/\\])')
 _ADDRESS = re.compile(r'(file|local):(//(localhost)?(?=/)|(?=/(?!/)))')
 
 
 def path_of(text: str) -> str:
     """Return the path on this computer that a text means: a file:/// address is decoded, `~/` is the user's home."""
     found = _ADDRESS.match(text)
-    return unquote(text[found.end():]) if found else os.path.expanduser(text) if f'{text}/'.startswith('~/') else text
+    if found:
+        return _DRIVE.sub(r'\1', unquote(text[found.end():]))
+    return os.path.expanduser(text) if re.match(r'~([/\\]|$)', text) else text
 
 
 @contextlib.contextmanager
@@ -42,7 +45,7 @@ def regular(path: str | Path, flags: int) -> int:
     """Open a file, as `opener` of open(), and wait for nobody; raises OSError where it is a device or a pipe."""
     if not stat.S_ISREG(mode := os.stat(path).st_mode) and not stat.S_ISDIR(mode):
         raise OSError(errno.ENODEV, NO_FILE, str(path))
-    return os.open(path, flags | os.O_NONBLOCK)
+    return os.open(path, flags | getattr(os, 'O_NONBLOCK', 0))  # no system without it has pipes among files
 
 
 def is_regular(path: Path) -> bool:
@@ -122,14 +125,13 @@ def replace_file(path: str | Path, data: bytes, force: bool = True) -> None:
     A killed writer or a full disk leaves the old one. Raises OSError; FileExistsError without `force`."""
     target = Path(os.path.realpath(path))
     beside = target.with_name(f'.{secrets.token_hex(8)}.part')
-    file = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:
-        with open(file, 'wb') as stream:
+        with open(beside, 'xb') as stream:
             if force and target.exists():
-                os.fchmod(file, stat.S_IMODE(target.stat().st_mode))
+                beside.chmod(stat.S_IMODE(target.stat().st_mode))
             stream.write(data)
             stream.flush()
-            os.fsync(file)
+            os.fsync(stream.fileno())
         if force:
             beside.replace(target)
         else:
@@ -155,12 +157,14 @@ def give_name(path: Path, name: Path) -> None:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
             raise
         # A file system without hard links.
-        os.close(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+        name.touch(exist_ok=False)
         path.replace(name)
 
 
 def synchronise_folder(directory: Path) -> None:
     """Bring the names in a folder to the disk: a file of which only the content is there is lost without power."""
+    if not hasattr(os, 'O_DIRECTORY'):  # a system whose file system does so by itself
+        return
     folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(folder)

@@ -5,8 +5,8 @@ The process is forked from one that has loaded what calculations need, and loads
 """
 
 import asyncio
+import importlib.util
 import multiprocessing
-import resource
 import signal
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -22,17 +22,23 @@ T = TypeVar('T')
 VALUE, ERROR = 'value', 'error'
 """What the process sends at the end; before that, calls of functions by their names."""
 PRELOADED = ('rosette_ros.studio.calculations', 'rosette_ros.studio.worker')
-_CONTEXT = multiprocessing.get_context('forkserver')
-_CONTEXT.set_forkserver_preload(list(PRELOADED))
+_FORKS = 'forkserver' in multiprocessing.get_all_start_methods()
+_CONTEXT: Any = multiprocessing.get_context('forkserver' if _FORKS else 'spawn')
+if _FORKS:
+    _CONTEXT.set_forkserver_preload(list(PRELOADED))
 
 
 def prepare() -> None:
     """Start the process that others are forked from, so that the first calculation need not wait for it."""
-    _start(forkserver.ensure_running)
+    if _FORKS:
+        _start(forkserver.ensure_running)
 
 
 def _start(start: Callable[[], object]) -> None:
     """Start a process that Ctrl-C does not reach: the studio ends it."""
+    if not hasattr(signal, 'pthread_sigmask'):
+        start()
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         start()
@@ -115,7 +121,8 @@ def _work(sender: Connection, function: Callable[..., object], arguments: tuple[
           options: Mapping[str, object], calls: Collection[str], memory: int | None, unit: str) -> None:
     """Work in the other process; send what it calls, then the value or the error."""
     show_angles(unit)
-    if memory is not None:
+    if memory is not None and importlib.util.find_spec('resource'):
+        resource = importlib.import_module('resource')
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     try:
         sender.send((VALUE, function(*arguments, **options, **{
