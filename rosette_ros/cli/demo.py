@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo: a whole calibration in a simulated cell; once round to the correction; the verification of the paper.
+"""The demo: a whole calibration in a simulated cell; the verification of the paper.
 
 The machine behind a cell keeps its errors, clock and noise from run to run; what a person would switch in the firmware
 or turn on the table, or a correction, is written to its file between two runs.
@@ -24,33 +24,25 @@ from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse,
 from rosette_ros.calibration.settings import run_name
 from rosette_ros.cli import hidden_demo
 from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, load, made_folder, until, whole
-from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_table, print_verdict
-from rosette_ros.cli.hidden_demo import MACHINE, MODEL, compare, section, shown, write_machine
+from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_verdict
+from rosette_ros.cli.hidden_demo import MACHINE, compare, shown, write_machine
 from rosette_ros.cli.report import print_result, verification_of
-from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.core.run.geometry import nominal_angles
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.run.scheme import order_name, plan
-from rosette_ros.core.table.correction import Correction
-from rosette_ros.core.table.correction_check import check_correction
-from rosette_ros.core.uncertainty.error_summary import error_lines
-from rosette_ros.io.correction_file import format_correction
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.model_file import write_model
-from rosette_ros.io.open_run import open_identified
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.text_file import write_text
 from rosette_ros.io.type_definitions import StoredTypes
 from rosette_ros.nodes.environment import check_middleware
-from rosette_ros.presentation.correction_results import check_table
-from rosette_ros.presentation.formatting import curve_scales, fixed, millimetres
+from rosette_ros.presentation.formatting import fixed, millimetres
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import open_source, report_html
 from rosette_ros.presentation.report.verification import MAKER_COLUMNS, ROLES, verification_html
-from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
-from rosette_ros.presentation.tables import curves, nested_models
+from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.presentation.tables import curves
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.verdict_words import verdict_text
 
@@ -58,14 +50,6 @@ OFFLINE = ('--offline',)
 NODES = 'demo without --offline'
 TABLE = {'translation_um': 0.5, 'rotation_urad': 3.0, 'axial_correction': False, 'angular_correction': False}
 """The table of the demo has not been corrected yet: its errors stand above the noise."""
-
-WORN = {'translation_um': 0.8, 'rotation_urad': 5.0, 'axial_correction': False, 'angular_correction': False,
-         'harmonics': 2}
-"""A table that has not been corrected; six balls determine two harmonics, and a part of the third."""
-HIDDEN = ({'kind': 'frame_drift', 'rate_um_per_h': (6.0, 0.0, 4.0)},
-          {'kind': 'table_zero_drift', 'rate_urad_per_h': 40.0})
-CORRECTION = 'correction.yaml'
-NUMBERED = ('1. calibrated: base model', '2. with the effects found', '3. corrected, calibrated again')
 
 
 def demo_arguments(parser: ArgumentParser) -> None:
@@ -80,11 +64,9 @@ def demo_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--open', action='store_true', help='with --hidden: open the envelope '
                         'at the end (otherwise on a key press, or by rosette envelope RUN)')
     parser.add_argument('--until', metavar='P', type=until, help='with --hidden: measure on until what is hidden '
-                        'is settled with this probability, such as 0.95, and state what that has saved')
+                        'is settled with this probability, such as 0.95')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')
-    parser.add_argument('--circle', action='store_true', help='calibrate, find what is missing, add it, correct the '
-                        'table, calibrate again: the residual falls to the noise')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
                         help='draws machine and noise, and the order random (default 1)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, default=(0.0, 0.0, 1.0),
@@ -105,27 +87,22 @@ def run_demo(options: Namespace) -> None:
         if given and options.hidden is None:
             raise InvalidConfig(f'demo: {name} goes with --hidden only; leave it out')
     if options.offline:
-        for name in ('verification', 'circle', 'dme', 'keep', 'domain', 'identity', 'until'):
+        for name in ('verification', 'dme', 'keep', 'domain', 'identity', 'until'):
             if getattr(options, name) not in (None, False):
                 raise InvalidConfig(f'demo: --offline excludes --{name}, which needs nodes; leave out one of them')
     if options.verification:
         for name, given in (('--hidden', options.hidden is not None), ('--dme', options.dme),
-                            ('--circle', options.circle), ('--keep', options.keep)):
+                            ('--keep', options.keep)):
             if given:
                 raise InvalidConfig(f'demo: --verification and {name} exclude each other; choose one')
         verify_method(options)
         return
-    if options.circle and (options.hidden is not None or options.keep or options.dme):
-        raise InvalidConfig('demo: --circle excludes --hidden, --keep and --dme; choose one')
     if options.dme and options.hidden is not None:
         raise InvalidConfig('demo: --dme and --hidden exclude each other: behind a server what is hidden follows the '
                             "machine's time, readings have the time of day; choose one")
     if not np.isfinite(options.axis).all() or not np.any(options.axis):
         raise UsageError('--axis: wanted 3 finite numbers that are not all 0, got '
                          f'{" ".join(f"{x:g}" for x in options.axis)}')
-    if options.circle:
-        go_round(options)
-        return
     hidden = {} if options.hidden is None else {'hidden': {'seed': options.hidden, **hidden_demo.SIZES}}
     order = order_name(options.order or 'interleaved')
     plan(options.balls, order, options.seed)  # refuses what cannot be measured
@@ -142,7 +119,7 @@ def run_demo(options: Namespace) -> None:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
         log_path = running.calibrate(order, options.seed, 'turning: forward', until_probability=options.until)
         if options.until:
-            hidden_demo.show_saving(out, config, log_path, order, options.seed, options.until)
+            hidden_demo.show_added(out, log_path, config.plate.balls**2)
         if hidden:
             hidden_demo.show_hidden(out, config, options.hidden, order, log_path, running.seconds, options.open,
                                     options.until)
@@ -216,61 +193,6 @@ def show_demo(out: Console, config: MachineConfig, log_path: Path, seconds: floa
         out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
     if program() != 'rosette':
         out.print(f'To type just rosette: {escape(command("shell"))}', soft_wrap=True)
-
-
-def go_round(options: Namespace) -> None:
-    """Go round once, and show all stages in a table and a picture."""
-    config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls}, table=WORN, hidden=HIDDEN,
-                                     placement={'axis': options.axis})
-    order, out = order_name(options.order or 'interleaved'), console()
-    what = f'[bold]Calibrate, correct, calibrate again[/]: {options.balls} balls, order {order}'
-    with in_cell().demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
-        section(out, '1', 'calibrate')
-        before_path = running.calibrate(order, options.seed, 'turning: forward')
-        run, identity, _ = open_identified(before_path)
-        before = summarise(run)
-        print_verdict(out, verdict_text(before.verdict))
-        section(out, '2', 'add what is missing: the residual falls')
-        final = before.final
-        print_table(out, nested_models(before.ladder))
-        section(out, '3', 'correct, and calibrate again')
-        correction = Correction(final.error_motions, final.error_motions, run_id=final.run.run_id, simulated=True)
-        (running.machine.parent / CORRECTION).write_text(format_correction(correction, identity['table.serial']),
-                                                        encoding='utf-8')
-        write_machine(config.changed(table={'correction_file': CORRECTION}), running.machine)
-        after_path = running.calibrate(order, options.seed + 1, 'turning: forward')
-        after = analyse(read_log(after_path).to_run(), final.model)
-        seconds = running.seconds
-    section(out, '4', 'verify')
-    check = check_correction(final.error_motions, after.error_motions, correction)
-    print_verdict(out, check)
-    fits = (before.fit, final, after)
-    print_parts(out, [check_table(check), stages(fits)])
-    picture, model = after_path / 'circle.png', after_path / MODEL
-    write_model(final.model, model, force=True)
-    title = f'Error motions of a simulated rotary table: {final.run.n} balls on R = {millimetres(final.run.radius)}'
-    labels = (f'{NUMBERED[0]}, which does not fit: no U', *NUMBERED[1:])
-    save(six_curves([Series(label, fit.error_motions, banded=fit is not before.fit) for label, fit in
-                     zip(labels, fits, strict=True)], title), picture)
-    out.print(f'\nTook {seconds:.1f} s\n')
-    logs = f'{shown(before_path)}\n{shown(after_path)}'
-    out.print(pairs([(name, escape(text)) for name, text in (
-        ('Picture', shown(picture)), ('Logs', logs), ('Correction', shown(after_path / CORRECTION)),
-        ('Model', shown(model)))]))
-    again = command('verify', shown(before_path), shown(after_path), '--correction', shown(after_path / CORRECTION),
-                    '--model', shown(model))
-    out.print(f'\nAgain from the logs:\n  {escape(again)}', soft_wrap=True)
-
-
-def stages(fits: tuple[Fit, Fit, Fit]) -> Table:
-    """Return how residual and errors fall from stage to stage."""
-    return Table('stages', 'What became of the error', (
-        words('stage', 'stage', NUMBERED),
-        micrometre_column('residual_um', 'residual', [fit.rms for fit in fits]),
-        *(column(of_all[0].curve, of_all[0].curve, [factor * one.range for one in of_all],
-                 partial(fixed, places=2), unit)
-          for of_all, (factor, unit) in zip(zip(*(error_lines(fit.error_motions) for fit in fits)), curve_scales()))),
-        note='Residual: standard deviation of a coordinate; errors: range.')
 
 
 def conditions(balls: int) -> tuple[dict[str, Any], ...]:

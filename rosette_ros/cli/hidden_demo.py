@@ -10,7 +10,6 @@ import math
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,11 +27,10 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.planning.next_readings import BLOCK, standing
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Frame
 from rosette_ros.core.run.records import Floats, Run, remove_gauge
-from rosette_ros.core.run.scheme import Scheme, plan
+from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import EXTENDED
 from rosette_ros.io.model_file import read_model, write_model
@@ -65,8 +63,8 @@ def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_
                 is_open: bool = False, until: float | None = None, offline: tuple[str, ...] = ()) -> None:
     """Print how badly the base model fits and how to go on; the envelope stays shut until it is asked for.
 
-    is_open: whether it is asked for already; until: as of show_saving, None where it was not wanted; offline: option of
-    the demo where it measured without nodes.
+    is_open: whether it is asked for already; until: with which probability it had to be settled, None where it had not;
+    offline: option of the demo where it measured without nodes.
     """
     run = read_log(log_path).to_run()
     out.print(f'\n{head(run)}\nThe residual of the base model is {residual_words(analyse(run))}\n')
@@ -87,27 +85,14 @@ def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_
         tell(out, log_path)
 
 
-def show_saving(out: Console, config: MachineConfig, log_path: Path, order: str, seed: int, until: float) -> None:
-    """Print what was added to the plan, and how far the same order, once more, would have come.
-
-    The machine is simulated once more: it measures its plan twice, and is judged after as many readings as a block."""
+def show_added(out: Console, log_path: Path, planned: int) -> None:
+    """Print what was added to the readings of the plan, and why it ended."""
     log = read_log(log_path)
-    run, scheme = log.to_run(), plan(config.plate.balls, order, seed)
-    size = scheme.ball.size
-    said = next(one.text for one in reversed(log.events) if one.kind == EXTENDED)
-    if run.size == size:
-        out.print(f'\nAfter the {size} readings of the plan, none was added: {escape(said)}', soft_wrap=True)
-        return
-    out.print(f'\nAfter the {size} readings of the plan, {run.size - size} were added '
-              f'({duration(run.time[-1] - run.time[size - 1])}): {escape(said)}', soft_wrap=True)
-    twice: dict[str, Any] = {name: np.tile(getattr(scheme, name), 2) for name in (
-        'table_position', 'ball', 'approach', 'touches', 'session', 'wait')}
-    again = Machine(config).run(replace(scheme, **twice))
-    with out.status('the same order, once more'):
-        last = next((count for count in range(size, 2 * size + 1, BLOCK)
-                     if standing(again.take(np.arange(count)), until=until).is_settled), None)
-    how = f'does not settle it in {size} more' if last is None else f'settles it after {last - size} more'
-    out.print(f'The same order repeated {how} ({duration(again.time[(last or 2 * size) - 1] - again.time[size - 1])}).')
+    run, said = log.to_run(), next(one.text for one in reversed(log.events) if one.kind == EXTENDED)
+    added = f'{run.size - planned} were added ({duration(run.time[-1] - run.time[planned - 1])})'
+    out.print(f'\nAfter the {planned} readings of the plan, {added if run.size > planned else "none was added"}: '
+              f'{escape(said)}', soft_wrap=True)
+
 
 
 def tell(out: Console, log_path: Path, model_path: str | None = None, whole: bool = False) -> None:

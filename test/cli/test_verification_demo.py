@@ -44,15 +44,12 @@ def test_verification_over_real_nodes(rosette, tmp_path, domain_id):
 @pytest.mark.parametrize(('words', 'said'), [
     (('--verification', '--hidden', '3'), '--verification and --hidden exclude each other; choose one'),
     (('--verification', '--dme'), '--verification and --dme exclude each other; choose one'),
-    (('--verification', '--circle'), '--verification and --circle exclude each other; choose one'),
     (('--verification', '--keep'), '--verification and --keep exclude each other; choose one'),
     (('--verification', '--open'), '--open goes with --hidden only; leave it out'),
-    (('--circle', '--open'), '--open goes with --hidden only; leave it out'),
     (('--open',), '--open goes with --hidden only; leave it out')])
 def test_what_has_no_meaning_is_refused(refused, tmp_path, monkeypatch, words, said):
     """One line, before a cell is started."""
     monkeypatch.setattr(demo, 'demo_cell', lambda *_: pytest.fail('started a cell'))
     monkeypatch.setattr(demo, 'verify_method', lambda _: pytest.fail('started a cell'))
-    monkeypatch.setattr(demo, 'go_round', lambda _: pytest.fail('started a cell'))
     assert said in refused('demo', *words, '-o', tmp_path / 'runs')
     assert list(tmp_path.iterdir()) == []
