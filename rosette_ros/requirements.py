@@ -13,6 +13,9 @@ EXTRAS = {
                 'importlib-metadata<10; python_full_version < "3.12"'],
     'notebook': ['ipykernel', 'pandas']}
 """What else `pip install 'rosette_ros[NAME]'` installs; `all` of them."""
+PACKAGES = {'markupsafe': 'jinja2', 'mcap_ros2': 'mcap-ros2-support', 'pydantic_core': 'pydantic',
+            'starlette': 'nicegui', 'yaml': 'pyyaml'}
+"""Module that is imported, and the package that has or brings it, where they have two names."""
 DOCUMENTS = ['mkdocs-material', 'mkdocstrings-python']
 """The extra `docs`, for `make docs-site`; no part of `all`."""
 
@@ -22,7 +25,8 @@ def every_extra() -> dict[str, list[str]]:
     return {**EXTRAS, 'all': [one for some in EXTRAS.values() for one in some], 'docs': DOCUMENTS}
 
 
-def install_command(package: str) -> str:
-    """Return what installs a package that is missing, and what goes with it."""
+def install_command(module: str) -> str:
+    """Return what installs the package of a module that is missing, and what goes with it."""
+    package = PACKAGES.get(module, module)
     extra = next((some for some in EXTRAS.values() if package in some), [package])
     return ' '.join(['pip install', *(one for one in extra if ';' not in one)])

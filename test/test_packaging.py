@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -61,11 +62,6 @@ ROSDEP_KEYS = {
 WITHOUT_KEY = {
     'dask', 'distributed', 'duckdb', 'fsspec', 'nicegui', 'plotly', 'pyarrow', 'pypdf', 'reportlab', 'starlette'}
 """Imported modules that rosdep does not know; docs/commands.md says how they are installed."""
-DISTRIBUTIONS = {'yaml': 'pyyaml', 'mcap_ros2': 'mcap-ros2-support'}
-"""Imported module to the package that has it, where they differ."""
-BROUGHT = {'markupsafe', 'pydantic_core', 'starlette'}
-"""Imported modules that a package brings of which they are a part."""
-
 SCRIPT = re.compile(r"'(\w+) = ([\w.]+):(\w+)'")
 
 
@@ -159,10 +155,22 @@ def name_of(requirement):
 def test_pip_installs_what_is_imported():
     """Every module outside ROS 2 is of the base, or of the extra whose folder it is in alone."""
     ros = declared(manifest('package.xml'), 'exec_depend') - {*ROSDEP_KEYS.values()}
-    needed = {DISTRIBUTIONS.get(name, name) for name in imported('rosette_ros') - BROUGHT} - ros
+    needed = {requirements.PACKAGES.get(name, name) for name in imported('rosette_ros')} - ros
     every = {name_of(one) for one in (*requirements.BASE, *requirements.every_extra()['all'])}
     assert needed - every == set()
     assert {name_of(one) for one in requirements.BASE} <= needed
+
+
+def test_what_is_missing_is_named_as_it_is_installed():
+    """The package of every imported module is the one that has it here, or that needs the one that has it."""
+    assert requirements.install_command('mcap_ros2') == 'pip install mcap-ros2-support'
+    assert requirements.install_command('starlette') == requirements.install_command('nicegui')
+    found = metadata.packages_distributions()
+    for module in imported('rosette_ros') & {*requirements.BASE, *requirements.PACKAGES}:
+        package = requirements.PACKAGES.get(module, module)
+        needed = map(name_of, metadata.requires(package) or ())
+        has_it = {name.casefold().replace('_', '-') for name in found[module]}
+        assert has_it & {name.casefold().replace('_', '-') for name in (package, *needed)}, module
 
 
 def test_pages_name_the_extras():

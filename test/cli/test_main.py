@@ -40,10 +40,10 @@ def test_an_unknown_name_is_answered_by_the_nearest(refused, words, wanted):
 @pytest.mark.parametrize(('verb', 'package', 'what_to_do'), [
     ('studio', 'nicegui', 'pip install nicegui plotly'),
     ('calibrate', 'rclpy', SOURCE), ('cell', 'action_msgs', SOURCE), ('replay', 'builtin_interfaces', SOURCE),
-    ('certificate', 'lxml', 'pip install lxml pypdf reportlab'),
+    ('certificate', 'lxml', 'pip install lxml pypdf reportlab'), ('info', 'mcap_ros2', 'pip install mcap-ros2-support'),
 ])
 def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
-    """rosdep does not bring all that one verb needs; the other verbs work without."""
+    """By the name under which it is installed; the other verbs work without."""
     without = f'import sys; sys.modules[{package!r}] = None; from rosette_ros.cli.main import main; sys.exit(main())'
     done = subprocess.run([sys.executable, '-c', without, verb], capture_output=True, text=True, timeout=300,
                           check=False)
