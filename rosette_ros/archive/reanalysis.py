@@ -5,17 +5,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from rosette_ros import command
 from rosette_ros.archive.run_adding import FoundLog, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import History, read_history
 from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.model.model import Model, Term
-from rosette_ros.core.run.errors import InvalidData, counted
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.trend import LEAST_RUNS, Event, Forecast
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.presentation.json_output import CURVE_KEYS
+from rosette_ros.words import archive_words as say
 
 _CHANGES = ', '.join(
     f'list_max(list_transform(list_zip(a.{key}, b.{key}), lambda p: abs(p[2] - p[1]))) AS change_{key}, '
@@ -129,14 +129,11 @@ def _paired(histories: Sequence[History], events: Sequence[Sequence[Event]]) -> 
 def trend_conclusion(trends: Sequence[TrendComparison]) -> tuple[str, ...]:
     """Return in sentences how changes and slopes alter."""
     if not trends:
-        return (f'No table has {LEAST_RUNS} dated runs under both models: trends are not compared.',)
+        return say.no_trends(LEAST_RUNS)
     pairs = [pair for one in trends for pair in one.events]
-    kept, gone = sum(None not in pair for pair in pairs), sum(pair[1] is None for pair in pairs)
     slopes = [one.altered(curve) for one in trends for curve in one.slopes]
-    return (f'Of the trends of {counted(len(trends), "table")}: {counted(kept, "change")} under both models, {gone} '
-            f'under the first alone, {len(pairs) - kept - gone} under the second alone.',
-            f'The slope of an error in time alters by more than U in {sum(one > 1 for one in slopes)} of '
-            f'{len(slopes)} curves.')
+    return say.trends(len(trends), sum(None not in pair for pair in pairs), sum(pair[1] is None for pair in pairs),
+                      sum(pair[0] is None for pair in pairs), sum(one > 1 for one in slopes), len(slopes))
 
 
 def conclusion(changes: Sequence[RunChange], terms: Sequence[Term], archive: RunArchive,
@@ -144,25 +141,12 @@ def conclusion(changes: Sequence[RunChange], terms: Sequence[Term], archive: Run
     """Return in sentences what the comparison says.
 
     terms: that the model after has and before lacks; failed: number of runs that could not be evaluated."""
-    problems = command('archive', 'query', archive.folder, '--problems')
-    left = (f'{counted(failed, "run")} could not be evaluated under both models: {problems}',) if failed else ()
+    left = say.not_evaluated(failed, archive.folder) if failed else ()
     if not changes:
-        return ('No run was evaluated under both models.', *left)
-
-    def share(chosen: Sequence[RunChange]) -> str:
-        return f'{len(chosen)} of {len(changes)} runs'
+        return (*say.no_changes(), *left)
     falls = [one for one in changes if one.after < 0.9 * one.before]
-    moved = [one for one in changes if max(one.of_u) > 1]
-    said = [f'The residual falls by more than 10 % in {share(falls)}'
-            + (f', most in {max(falls, key=lambda one: one.before / one.after).run_id}.' if falls else '.'),
-            f'The curves move by more than U (k = 2), the larger one of both models, in {share(moved)}.']
-    for term in terms:
-        had = [one for one in changes if term.name in one.had]
-        dated = [f'{one.measured_at:%Y-%m-%d}' for one in had if one.measured_at]
-        span = '' if not dated else f', measured on {dated[0]}' if len(set(dated)) == 1 else (
-            f', measured from {min(dated)} to {max(dated)}')
-        said.append(f'{term.name} has a parameter of {CERTAIN} standard uncertainties in {share(had)}{span}; whether '
-                    'it is there is told by rosette diagnose, which counts that its place was searched.'
-                    if term.is_open else f'{term.name} is there for certain (a parameter of {CERTAIN} standard '
-                                         f'uncertainties) in {share(had)}{span}.')
-    return (*said, *left)
+    most = max(falls, key=lambda one: one.before / one.after).run_id if falls else ''
+    had = [(term, [one for one in changes if term.name in one.had]) for term in terms]
+    return (*say.changes(len(changes), len(falls), most, sum(max(one.of_u) > 1 for one in changes)),
+            *(say.effect(term.name, term.is_open, len(some), len(changes),
+                         [one.measured_at for one in some if one.measured_at]) for term, some in had), *left)

@@ -89,7 +89,7 @@ class Extended:
 
 
 @dataclass(frozen=True)
-class Remark:
+class Warn:
     """Log a warning."""
 
     text: str
@@ -103,5 +103,5 @@ class Finish:
     text: str
 
 
-Command = Ask | Locate | PublishState | PublishRun | Verify | AskNext | Extended | Remark | Finish
+Command = Ask | Locate | PublishState | PublishRun | Verify | AskNext | Extended | Warn | Finish
 Commands = tuple[Command, ...]

@@ -22,15 +22,15 @@ from rosette_ros.calibration.commands import (
     Locate,
     PublishRun,
     PublishState,
-    Remark,
     Results,
     Until,
     Verify,
+    Warn,
 )
 from rosette_ros.core.run.axes import refuse_other_axis, refuse_other_sense
 from rosette_ros.core.run.errors import RosetteError, plain
 from rosette_ros.core.run.geometry import Frame, table_frame, wrap
-from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind, remark
+from rosette_ros.core.run.remarks import Remark, RemarkKind, remark
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import FRAMES, MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
@@ -44,7 +44,7 @@ PAUSE = 'the plan has a pause here, resume the run after it'
 
 
 def complaint(answer: Answer, target: Target, limits: Limits,
-              frames: Collection[str] = FRAMES) -> ReadingRemark | None:
+              frames: Collection[str] = FRAMES) -> Remark | None:
     """Return why an answer is no measurement of its target, None where it is one; frames: in which it may be."""
     wanted, got = ((one.table_position, one.ball, one.cmm_position) for one in (target, answer))
     if wanted != got:
@@ -145,7 +145,7 @@ class Sequence:
         if answer.run_id == self.run_id:
             self.answers.add_answer(answer)
         else:
-            return (Remark(f'not used: answer to run {answer.run_id!r}, this is {self.run_id!r}; an answer repeats '
+            return (Warn(f'not used: answer to run {answer.run_id!r}, this is {self.run_id!r}; an answer repeats '
                            'run_id and seq of its target'),)
         if target is None or answer.seq != target.seq:
             self._unused.append(answer.seq)
@@ -169,7 +169,7 @@ class Sequence:
         several, low, high = len(seqs), min(seqs), max(seqs)
         what = f'{several} answers' if several > 1 else 'answer'
         waiting = f'seq {self._asked.seq}' if self._asked else 'nothing'
-        return (Remark(f'not used: {what} to seq {low}{f" to {high}" * (high > low)}, waiting for {waiting}'),)
+        return (Warn(f'not used: {what} to seq {low}{f" to {high}" * (high > low)}, waiting for {waiting}'),)
 
     def hold(self, words: str, now: float, is_gone: bool = True) -> Commands:
         """Ask for nothing more until resume_asking; answers are still taken.
@@ -181,7 +181,7 @@ class Sequence:
         if not is_gone and words not in self.disturbed:
             self.disturbed.append(words)
         self._deadline = now + self.limits.return_timeout
-        return Remark(f'{words}; the run waits for {"it" if is_gone else "the end of one"}'), PublishState()
+        return Warn(f'{words}; the run waits for {"it" if is_gone else "the end of one"}'), PublishState()
 
     def resume_asking(self, now: float, restarted: bool) -> Commands:
         """Continue after hold; restarted: a pause lies between, the present target is asked again."""
@@ -191,7 +191,7 @@ class Sequence:
         self._pace.clear()
         self.session += restarted
         self._left_by = 0 if restarted else self._left_by
-        remark = Remark('the run continues' + (f' in session {self.session}' if restarted else ''))
+        remark = Warn('the run continues' + (f' in session {self.session}' if restarted else ''))
         if self.phase is Phase.EVALUATION:
             return (remark, *self._evaluate(now))
         if self._asked is None:
@@ -239,7 +239,7 @@ class Sequence:
         self._tries += 1
         if self._tries > self.limits.attempts:
             return self.decided(None, words, now)
-        return Remark(f'the next readings are not known: {words}; asking again'), *self._evaluate(now)
+        return Warn(f'the next readings are not known: {words}; asking again'), *self._evaluate(now)
 
     def _check(self, results: Results) -> Commands:
         if not self.verifies:
@@ -367,10 +367,10 @@ class Sequence:
         if target is None:
             return ()
         if self._held:
-            return (Remark(f'{target}, attempt {target.attempt}: {words}'),)
+            return (Warn(f'{target}, attempt {target.attempt}: {words}'),)
         if self._tries < self.limits.attempts and not is_refused:
             self._tries += 1
-            return Remark(f'{target}, attempt {target.attempt}: {words}; asking again'), self._ask(target, now)
+            return Warn(f'{target}, attempt {target.attempt}: {words}; asking again'), self._ask(target, now)
         times = 'once' if self._tries == 1 else f'{self._tries} times'
         doubt = self._doubt or (self.plan.doubt_of_axis(target) if self._alignment else '')
         words = f'{target}: asked {times}, last: {words}{doubt}'
@@ -379,7 +379,7 @@ class Sequence:
             return self._finish(Phase.FAILED, '; '.join(filter(None, (words, reason))))
         self.skipped.append(target)
         self._asked, self._skipped_last = None, True
-        return (Remark(f'{words}; left out, {len(self.skipped)} of at most {self.limits.skips}'), *self._next(now))
+        return (Warn(f'{words}; left out, {len(self.skipped)} of at most {self.limits.skips}'), *self._next(now))
 
     @property
     def _doubt(self) -> str:
@@ -407,9 +407,9 @@ class Sequence:
             if self._is_aligned_again:
                 return self._finish(Phase.FAILED, words)
             self._alignment, self._taken, self._next_index, self._is_aligned_again = [], set(), 0, True
-            return (Remark(f'{words}; asking again'),)
+            return (Warn(f'{words}; asking again'),)
         centres = np.array([one.centre for one in self._alignment])
-        remarks = tuple(Remark(remark_words(one)) for one in remarks_on_answers(self.answers.counting()))
+        remarks = tuple(Warn(remark_words(one)) for one in remarks_on_answers(self.answers.counting()))
         if self.answers.is_in_table_frame:
             self._frame, self._frame_id = Frame.identity(), TABLE_FRAME
             return remarks

@@ -23,6 +23,7 @@ from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import NOTE
 from rosette_ros.presentation.error_results import SAID
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions
+from rosette_ros.words.budget_words import not_considered
 
 DCC, SI, OWN = 'https://ptb.de/dcc', 'https://ptb.de/si', 'urn:rosette:certificate:1'
 SCHEMA = '3.3.0'
@@ -142,7 +143,7 @@ def _statements(one: Certificate) -> list[Element]:
     every = [('SIMULATED', SIMULATED)] * one.is_simulated
     every += [('fit of the model', one.judgement), ('decision rule', f'{DECISION_RULE}.')]
     every += [('limitation', sentence) for sentence in one.unknown]
-    every += [('not considered in U', sentence) for sentence in (one.budget.open if one.budget else ())]
+    every += [('not considered in U', sentence) for sentence in (not_considered(one.budget) if one.budget else ())]
     every += [('missing mandatory data (ISO/IEC 17025, 7.8.2)', f'{words}: {NOT_STATED}.') for words in one.missing]
     every += [('metrological traceability', words)] if (words := one.identity['traceability.name']) else []
     every += [('remarks', words)] if (words := one.identity['certificate.remarks']) else []

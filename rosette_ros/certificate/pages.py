@@ -33,6 +33,7 @@ from rosette_ros.presentation.formatting import curve_units, glued
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions, contact, signer
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.tables import curves as values_of
+from rosette_ros.words.budget_words import not_considered
 
 PLAIN, BOLD = 'DejaVu Sans', 'DejaVu Sans Bold'
 SIZE, HEAD, TITLE = 8.0, 9.5, 15.0
@@ -197,7 +198,7 @@ def _budget(made: Budget) -> Iterable[Any]:
                  (0.31, *[0.115] * 6), [place for place, column in enumerate(table.shown) if column.number])
     less = f'Also in u, each below {NEGLIGIBLE:.0%} of it: {", ".join(small)}.' if small else ''
     yield KeepTogether([_heading('Uncertainty budget (GUM)'), grid, Spacer(1, 1 * mm)])
-    note = ' '.join(filter(None, (table.note, less, 'Not considered:', *made.open)))
+    note = ' '.join(filter(None, (table.note, less, 'Not considered:', *not_considered(made))))
     yield _words(f'<b>Budget</b>: {_text(note)}', soft=True)
 
 

@@ -34,6 +34,8 @@ from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
 from rosette_ros.presentation.report.run_page import touches_of
+from rosette_ros.words.effect_words import capital
+from rosette_ros.words.joint_words import note_words
 from rosette_ros.words.reading_words import fact_words, notes_of, remark_words
 from rosette_ros.words.result_words import ConclusionText, conclusion_text
 from rosette_ros.words.verdict_words import verdict_text
@@ -197,9 +199,9 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certif
     rows = dict(joint_rows(result))
     evaluation = (*((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known')),
                   ('Environment', environment_words(given)))
-    names = tuple(f'{run.name}:' for run in result.solution.model.runs)  # a name stays as it is
     unknown = [f'Cannot be measured by these runs; removed from the curves: {rows["Not determined"]}.', *(
-        f'{note if note.startswith(names) else note[0].upper() + note[1:]}.' for note in result.notes)]
+        f'{words if "run" in one.numbers else capital(words)}.'  # the name of a run stays as it is
+        for one in result.notes for words in [note_words(one)])]
     return _stated(inputs, identity, (*contradictions, *changed), days, runs, sets, conclusion_text(conclusion),
                    evaluation, unknown, tuple(dict.fromkeys(file for _, files in opened for file in files)))
 

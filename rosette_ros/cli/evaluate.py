@@ -60,6 +60,7 @@ from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import capital
+from rosette_ros.words.joint_words import note_words
 from rosette_ros.words.reading_words import readings_notes, remark_words
 from rosette_ros.words.result_words import DOES_NOT_FIT, check_words, comparison_words, conclusion_text
 from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, titles, verdict_text
@@ -147,7 +148,7 @@ def evaluate_runs_jointly(options: Namespace) -> None:
         for one in result.solution.model.runs:
             out.print(escape('\n'.join((results.joint_head(one), *readings_notes(one)))))
         for note in result.notes:
-            out.print(escape(note), soft_wrap=True)
+            out.print(escape(note_words(note)), soft_wrap=True)
         print_verdict(out, conclusion_text(conclude(result)))
         print_parts(out, [*results.joint_errors(result, tolerances), *four_axis_table(spheres),
                           results.sharing_table(result),

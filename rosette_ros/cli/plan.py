@@ -25,7 +25,7 @@ from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
-from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
+from rosette_ros.core.planning.plan_comparison import Outlook, outlook
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, InvalidPlan
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS, order_name, places_in_use, plan
@@ -39,6 +39,7 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import exact, millimetres
 from rosette_ros.presentation.json_output import advice_json
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.plan_words import better_words
 from rosette_ros.words.settling_words import next_words
 
 MOST_BALLS = 1000
@@ -217,7 +218,7 @@ def show_comparison(plans: Sequence[Outlook]) -> None:
     out = console()
     print_parts(out, [results.comparison(plans), results.shares(plans)])
     out.print()
-    for sentence in better(plans):
+    for sentence in better_words(plans):
         out.print(escape(sentence))
     if plans[0].environment:
         out.print(escape(f'Least U in the environment {plans[0].environment.name}: '

@@ -31,6 +31,7 @@ from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
 from rosette_ros.presentation.correction_results import check_json, check_table, correction_table
 from rosette_ros.presentation.formatting import SCALES, exact
+from rosette_ros.words.budget_words import not_considered
 from rosette_ros.words.verdict_words import verdict_text
 
 NOT_CONFIRMED = 1
@@ -250,7 +251,7 @@ def show_budget(out: Console, made: Budget, found: MonteCarlo | None = None) -> 
         out.print(f'[{colour}]{escape(agreement_words(found))}[/]')
         out.print(escape(together_words(found)))
     out.print('\n[bold]Not considered[/]')
-    for sentence in made.open:
+    for sentence in not_considered(made):
         out.print(escape(f'- {sentence}'))
 
 

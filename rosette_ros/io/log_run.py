@@ -13,7 +13,7 @@ from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.run.errors import InvalidData, kind_of, plain
 from rosette_ros.core.run.geometry import Frame
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Run
-from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind, remark
+from rosette_ros.core.run.remarks import Remark, RemarkKind, remark
 from rosette_ros.io import messages as msg
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.identity_file import Identity, parse_identity
@@ -176,7 +176,7 @@ class LogRun:
         return [answer for run in self.runs.values() for answer in run.answers]
 
     @property
-    def damage(self) -> tuple[ReadingRemark, ...]:
+    def damage(self) -> tuple[Remark, ...]:
         """The first of its problems and how many more there are, nothing where it is whole."""
         return (remark(RemarkKind.LOG_DAMAGED, problem=self.problems[0], others=len(self.problems) - 1),) if (
             self.problems) else ()

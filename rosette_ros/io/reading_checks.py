@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rosette_ros.core.run.geometry import Floats, wrap
 from rosette_ros.core.run.records import Run, resolution_of
-from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind, remark
+from rosette_ros.core.run.remarks import Remark, RemarkKind, remark
 from rosette_ros.io.messages import Answer, Phase, Target
 
 Pairs = Sequence[tuple[Target, Answer]]
@@ -36,7 +36,7 @@ class Check:
     text: str
 
 
-def check_answers(pairs: Pairs) -> dict[str, ReadingRemark | None]:
+def check_answers(pairs: Pairs) -> dict[str, Remark | None]:
     """Return what is wrong with answered targets by the name of the check, None where nothing is.
 
     A check that these targets do not allow is left out: without a move of the table nothing is known of its travel."""
@@ -53,12 +53,12 @@ def check_answers(pairs: Pairs) -> dict[str, ReadingRemark | None]:
     return found
 
 
-def remarks_on_answers(pairs: Pairs) -> tuple[ReadingRemark, ...]:
+def remarks_on_answers(pairs: Pairs) -> tuple[Remark, ...]:
     """Return what is wrong with answered targets."""
     return tuple(filter(None, check_answers(pairs).values()))
 
 
-def remark_on_two_answers(apart: Mapping[str, float]) -> tuple[ReadingRemark, ...]:
+def remark_on_two_answers(apart: Mapping[str, float]) -> tuple[Remark, ...]:
     """Return which targets have two answers; apart: by how much they differ, m, by target."""
     if not apart:
         return ()
@@ -66,7 +66,7 @@ def remark_on_two_answers(apart: Mapping[str, float]) -> tuple[ReadingRemark, ..
     return (remark(RemarkKind.TWO_ANSWERS, target=first, apart=apart[first], others=len(apart) - 1),)
 
 
-def remarks_on_table(run: Run, step: float, is_timed: bool) -> tuple[ReadingRemark, ...]:
+def remarks_on_table(run: Run, step: float, is_timed: bool) -> tuple[Remark, ...]:
     """Return what is wrong with the readings of a table.
 
     step: to which its coordinates are rounded, m; is_timed: whether it has times."""
@@ -87,7 +87,7 @@ def _pace(time: Floats) -> float:
     return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
-def _remarks_on_units(run: Run, is_timed: bool) -> tuple[ReadingRemark, ...]:
+def _remarks_on_units(run: Run, is_timed: bool) -> tuple[Remark, ...]:
     """Return which quantities of a table cannot be in the unit of their column."""
     found = []
     if is_timed and not is_in_seconds(run.time):
@@ -100,7 +100,7 @@ def _remarks_on_units(run: Run, is_timed: bool) -> tuple[ReadingRemark, ...]:
     return tuple(found)
 
 
-def remark_on_radius(radius: float) -> ReadingRemark | None:
+def remark_on_radius(radius: float) -> Remark | None:
     """Return why a radius, m, is not that of a plate of balls, with those in other units, m, that may be one."""
     if RADII[0] <= radius <= RADII[1]:
         return None
@@ -108,7 +108,7 @@ def remark_on_radius(radius: float) -> ReadingRemark | None:
     return remark(RemarkKind.UNIT_OF_COORDINATES, radius=radius, likely=likely)
 
 
-def remark_on_temperature(temperature: Floats) -> ReadingRemark | None:
+def remark_on_temperature(temperature: Floats) -> Remark | None:
     """Return why temperatures, °C, NaN where not measured, are not those of a CMM's room, None where they are.
 
     A thermometer that is missing, or a field that nobody sets, gives 0.
@@ -127,13 +127,13 @@ def known_temperatures(run: Run) -> Floats:
     return known[:0] if remark_on_temperature(known) else known
 
 
-def remarks_on_run(run: Run) -> tuple[ReadingRemark, ...]:
+def remarks_on_run(run: Run) -> tuple[Remark, ...]:
     """Return what is wrong with the readings of a table or a log: radius, temperature, gaps."""
     return tuple(filter(None, (remark_on_radius(run.radius), remark_on_temperature(run.temperature), _gaps(run),
                                _other_radius(run))))
 
 
-def _gaps(run: Run) -> ReadingRemark | None:
+def _gaps(run: Run) -> Remark | None:
     """Return after which readings how much time, s, lies that is too much, but for pauses that are stated and for
     waits before readings that are made again."""
     cell = run.table_position * (run.n + 1) + run.ball
@@ -144,14 +144,14 @@ def _gaps(run: Run) -> ReadingRemark | None:
     return remark(RemarkKind.GAPS, after=after) if after else None
 
 
-def _other_radius(run: Run) -> ReadingRemark | None:
+def _other_radius(run: Run) -> Remark | None:
     """Return that the stated radius is not that of the circle of ball centres, None where it is."""
     lies = float(np.mean(np.hypot(run.centre[:, 0], run.centre[:, 1])))
     return (remark(RemarkKind.OTHER_RADIUS, lies=lies, stated=run.radius) if abs(lies / run.radius - 1) > RADIUS
             else None)
 
 
-def remark_on_resolution(step: float, repeatability: float | None) -> ReadingRemark | None:
+def remark_on_resolution(step: float, repeatability: float | None) -> Remark | None:
     """Return that coordinates are rounded to steps larger than the repeatability, m, None where they are not."""
     if not step or (repeatability is not None and step <= repeatability):
         return None
@@ -175,7 +175,7 @@ def _is_move(before: tuple[Target, Answer], after: tuple[Target, Answer]) -> boo
             and other.approach != 0 and one.table_position != other.table_position)
 
 
-def _stamps(pairs: Pairs) -> ReadingRemark | None:
+def _stamps(pairs: Pairs) -> Remark | None:
     stamps = [answer.stamp_ns for _, answer in pairs]
     zeros, alike = stamps.count(0), len(stamps) - len(set(stamps))  # the first of an imported run is 0
     if alike:
@@ -186,7 +186,7 @@ def _stamps(pairs: Pairs) -> ReadingRemark | None:
     return remark(RemarkKind.CLOCK_SET_BACK, seconds=-1e-9 * back, seq=seq) if back < 0 else None
 
 
-def _travel(moves: Sequence[_Move]) -> ReadingRemark | None:
+def _travel(moves: Sequence[_Move]) -> Remark | None:
     wrong = [move for move in moves if abs(move.travelled - move.asked) > SAME_TURN]
     if not wrong:
         return None
@@ -198,7 +198,7 @@ def _travel(moves: Sequence[_Move]) -> ReadingRemark | None:
                   moves=len(moves))
 
 
-def _approach(moves: Sequence[_Move]) -> ReadingRemark | None:
+def _approach(moves: Sequence[_Move]) -> Remark | None:
     wrong = [move for move in moves if move.approach != move.sense]
     if not wrong:
         return None
@@ -206,14 +206,14 @@ def _approach(moves: Sequence[_Move]) -> ReadingRemark | None:
     return remark(kind, wrong=len(wrong), moves=len(moves))
 
 
-def _echo(pairs: Pairs) -> ReadingRemark | None:
+def _echo(pairs: Pairs) -> Remark | None:
     away = np.array([np.subtract(answer.centre, target.centre) for target, answer in pairs
                      if target.frame_id == answer.frame_id]).reshape(-1, 3)
     echoed = int(np.count_nonzero(np.abs(away).max(axis=1, initial=0) < ECHO)) if len(away) else 0
     return remark(RemarkKind.ECHO, echoed=echoed, answers=len(pairs)) if 2 * echoed > len(pairs) else None
 
 
-def _resolution(centres: ArrayLike, repeated: Floats) -> ReadingRemark | None:
+def _resolution(centres: ArrayLike, repeated: Floats) -> Remark | None:
     spread = float(np.sqrt(np.mean(np.var(repeated, axis=0, ddof=1)))) if len(repeated) > 1 else 0.0
     known = spread if spread > ECHO else None  # all the same: not 0 to the last bit
     return remark_on_resolution(resolution_of(centres), known)

@@ -14,7 +14,7 @@ import numpy as np
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Frame, fitted_frame, rotate_z, turned_frame
 from rosette_ros.core.run.records import Floats, Ints, Run
-from rosette_ros.core.run.remarks import ReadingRemark
+from rosette_ros.core.run.remarks import Remark
 from rosette_ros.core.run.scheme import Way, joined_travel, nominal_places
 from rosette_ros.io import messages
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Answer, Phase, Target
@@ -195,7 +195,7 @@ class RunAssembly:
         return {'cmm_sense': way.cmm_sense(n, rotation)}
 
     @property
-    def remarks(self) -> tuple[ReadingRemark, ...]:
+    def remarks(self) -> tuple[Remark, ...]:
         """What is wrong with the answers: two to one target that was asked once, mistakes of the CMM."""
         sessions = Counter(seq for seq, _ in {(target.seq, target.session) for target in self.answers.targets})
         several = ((target, [one.centre for one in self.answers.usable(target).values()])

@@ -34,6 +34,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
 from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, declared_sharing
 from rosette_ros.nodes.interfaces import introspected_service
+from rosette_ros.words.joint_words import note_words, part_words
 from rosette_ros.words.reading_words import remark_words
 from rosette_ros.words.result_words import conclusion_text
 from rosette_ros.words.settling_words import block_words, standing_words
@@ -256,7 +257,8 @@ def joint_message(result: JointResult, stamp: Time, frame_id: str) -> msg.JointE
             item=test.item, text=ITEMS[test.item], declared=test.item in result.declared, f=float(test.f),
             degrees_of_freedom=test.dof, p=unknown if test.p is None else test.p, used=test.is_used,
             contradicted=test.is_contradicted) for test in result.tests],
-        known=list(result.knowledge.known), not_known=list(result.knowledge.hidden), notes=list(result.notes),
+        known=list(part_words(result.knowledge.known)), not_known=list(part_words(result.knowledge.hidden)),
+        notes=list(map(note_words, result.notes)),
         unknowns=solution.model.unknowns, rank=solution.rank, hidden=solution.hidden.shape[1],
         hidden_in_curves=solution.hidden_in_curves, degrees_of_freedom=solution.dof, residual_rms=result.rms,
         sigma=result.sigma, lack_of_fit_p=unknown if result.lack_of_fit_p is None else result.lack_of_fit_p)

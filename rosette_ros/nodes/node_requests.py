@@ -14,7 +14,7 @@ from rosette_msgs.msg import Block, CalibrationEvent, ProbeTarget
 from rosette_msgs.srv import CheckPlan, NextReadings, Recall, Recorded, StartRecording, StopRecording
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
-from rosette_ros.calibration.commands import Commands, Remark, Until
+from rosette_ros.calibration.commands import Commands, Until, Warn
 from rosette_ros.calibration.state_machine import Sequence
 from rosette_ros.core.run.errors import CellError, InvalidPlan, plain
 from rosette_ros.core.run.scheme import Scheme
@@ -276,7 +276,7 @@ class NextBlock:
         except CellError as error:
             if len(request.refused) < sequence.limits.attempts:
                 self.ask(sequence, request.readings_hash, request.readings, [*request.refused, response.block])
-                return (Remark(f'{error}; asking for other readings'),)
+                return (Warn(f'{error}; asking for other readings'),)
             block, text = None, f'{text}; {error}'
         self._response = None
         if not response.success:

@@ -211,7 +211,7 @@ class RunControl:
                 case to.Locate(frame, stamp_ns):
                     # In a run that is resumed: when its alignment found the frame, should the old log lack that.
                     job.frames += self._topics.frame(frame, job.located_ns or stamp_ns)
-                case to.Remark(text):
+                case to.Warn(text):
                     node.get_logger().warning(f'run {job.run_id}: {text}')
                     job.remarks.append(text)
                 case to.PublishState():

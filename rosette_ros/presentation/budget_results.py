@@ -15,6 +15,7 @@ from rosette_ros.core.uncertainty.uncertainty_budget import PROBABILITY, Budget
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.table_format import Column, Table, column, words
+from rosette_ros.words.budget_words import not_considered
 
 SCHEMA = 'rosette-budget-results/1'
 ROWS = ('combined u', f'U (k = {COVERAGE_FACTOR})', 'U, worst point', 'effective dof')
@@ -204,7 +205,7 @@ def budget_json(made: Budget, found: MonteCarlo | None = None) -> Json:
         'U_worst_point': by_curve(COVERAGE_FACTOR * combined.max(axis=0)),
         'effective_dof': by_curve(made.effective_dof), 'coverage_factor_by_dof': by_curve(made.coverage),
         'table_angle_rad': made.fit.error_motions.angle,
-        'u_points': by_curve(combined.T), 'not_considered': made.open, **environment_json(made)}
+        'u_points': by_curve(combined.T), 'not_considered': not_considered(made), **environment_json(made)}
     if found:
         out['monte_carlo'] = {
             'trials': found.trials, 'seed': found.seed, 'agrees': found.agrees, 'probability': PROBABILITY,

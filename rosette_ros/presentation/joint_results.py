@@ -22,6 +22,7 @@ from rosette_ros.presentation.formatting import names
 from rosette_ros.presentation.json_output import Json, by_curve, motions_json, plain
 from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
+from rosette_ros.words.joint_words import note_words, part_words
 from rosette_ros.words.result_words import conclusion_text
 
 JOINT = 'rosette-joint-evaluation/1'
@@ -159,7 +160,7 @@ def nothing_known(result: JointResult) -> str:
 def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     """Return what was fitted, how well it fits, what became known and what did not, as (name, text)."""
     solution, lack = result.solution, result.lack_of_fit_p
-    known = result.knowledge.known or (nothing_known(result),)
+    known = part_words(result.knowledge.known) or (nothing_known(result),)
     fit = '' if lack is None else f'; {p_words(lack)}'
     if fits(result) is False:
         fit += ', one model does not fit'
@@ -173,7 +174,7 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
                             f'{result.sigma_source}'),
             ('Environment', environment_words(result.environment)),
             ('Known', f'beyond what one run knows: {"; ".join(known)}'),
-            ('Not determined', '; '.join(result.knowledge.hidden) or 'nothing')]
+            ('Not determined', '; '.join(part_words(result.knowledge.hidden)) or 'nothing')]
 
 
 def joint_head(run: Readings) -> str:
@@ -200,8 +201,8 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
                    'text': test_result(test)} for test in result.tests],
         'unknowns': model.unknowns, 'rank': solution.rank, 'hidden': solution.hidden.shape[1],
         'hidden_in_curves': solution.hidden_in_curves, 'environment': stated_json(result.environment),
-        'known': result.knowledge.known,
-        'not_known': result.knowledge.hidden,
+        'known': part_words(result.knowledge.known),
+        'not_known': part_words(result.knowledge.hidden),
         'curves': [{'table': one.name, 'sense': one.sense, **motions_json(motions), 'iso_230_7': errors_json(lines)}
                    for one, motions, lines in every],
         'reversal': [{'table': one.table, **motions_json(one.motions), 'p': one.p,
@@ -213,4 +214,4 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
            for key, value in zip(('_name', '_m', '_u_m'), result.deviations(part), strict=True)},
         'plate_ball': model.places['plate'][:, 1] + 1, 'cmm_azimuth_rad': model.cmm_azimuth,
         'fit': {'rms_m': result.rms, 'dof': solution.dof, 'sigma_m': result.sigma, 'sigma_source': result.sigma_source,
-                'lack_of_fit_p': result.lack_of_fit_p}, 'notes': result.notes})
+                'lack_of_fit_p': result.lack_of_fit_p}, 'notes': tuple(map(note_words, result.notes))})

@@ -9,7 +9,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.posterior import HEARD
 from rosette_ros.core.planning.expectation import Expectation
 from rosette_ros.core.planning.next_readings import NextReadings
-from rosette_ros.core.planning.plan_comparison import Outlook, better
+from rosette_ros.core.planning.plan_comparison import Outlook
 from rosette_ros.core.run.records import CURVES, Run
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.csv_parser import COLUMNS
@@ -20,6 +20,7 @@ from rosette_ros.presentation.budget_results import stated_json
 from rosette_ros.presentation.json_output import Json, by_curve, plain, visibility_json
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import visibility
+from rosette_ros.words.plan_words import better_words
 from rosette_ros.words.settling_words import next_words
 
 COMPARISON, NEXT_READINGS = 'rosette-plans/1', 'rosette-next-readings/1'
@@ -180,7 +181,7 @@ def expected_json(plan: Outlook) -> Json:
 
 def comparison_json(plans: Sequence[Outlook]) -> Json:
     """Return several plans side by side, schema rosette-plans/1."""
-    return plain({'schema': COMPARISON, 'better': better(plans), 'plans': [
+    return plain({'schema': COMPARISON, 'better': better_words(plans), 'plans': [
         {'name': one.name, 'n': one.scheme.n, 'radius_m': one.radius, 'order': one.scheme.order,
          'readings': one.scheme.ball.size, 'cmm_positions': np.unique(one.scheme.cmm_position),
          'balls_in_use': np.unique(one.scheme.ball), 'touches': _touches(one.scheme), **expected_json(one)}

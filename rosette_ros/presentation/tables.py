@@ -13,7 +13,7 @@ import numpy as np
 from rosette_ros.analysis import LadderStep, Summary
 from rosette_ros.core.diagnosis.candidates import Candidate
 from rosette_ros.core.diagnosis.comparison import DRAWS, Comparison
-from rosette_ros.core.diagnosis.second_run import CrossCheck
+from rosette_ros.core.diagnosis.second_run import CheckOutcome, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
@@ -41,6 +41,7 @@ from rosette_ros.presentation.table_format import (
     parameters_json,
     words,
 )
+from rosette_ros.words.result_words import reason_words
 from rosette_ros.words.verdict_words import title_of
 
 EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
@@ -358,7 +359,7 @@ def cross_check(check: CrossCheck) -> Table:
     """Return what another run says of the effects that were learnt on a first one."""
     return fields_table(
         'cross_check', 'Effects checked on the other run', CHECKED, check.effects,
-        ['' if one.outcome == 'confirmed' else Level.DOUBTFUL for one in check.effects],
+        ['' if one.outcome is CheckOutcome.CONFIRMED else Level.DOUBTFUL for one in check.effects],
         note=f'All together: {text.CROSS_VALIDATION} '
              f'{text.before_after(check.cross_validation_before, check.cross_validation_after)} µm; with the '
              f'amplitudes of the first run and nothing fitted: {text.micro(check.cross_validation_carried)} µm.')
@@ -369,7 +370,7 @@ CHECKED = (
     Field('visible_fraction', text.SENSITIVITY, show=text.percent), Field('p', text.P_VALUE, show=text.p_value),
     *_errors_of('without', 'with'),
     Field('same_size', 'same size', text=lambda one: {True: 'yes', False: 'no', None: ''}[one.same_size], number=False),
-    *(Field(name, files='json') for name in ('reason', 'carries', 'setting')),
+    Field('reason', get=reason_words, files='json'), *(Field(name, files='json') for name in ('carries', 'setting')),
     *(Field(name, get=partial(lambda name, one: parameters_json(getattr(one, name)), name), files='json')
       for name in ('learnt', 'found')))
 

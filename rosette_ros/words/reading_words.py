@@ -7,17 +7,17 @@ from math import pi
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.run.number_words import micrometres, significant
 from rosette_ros.core.run.records import Run
-from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind
+from rosette_ros.core.run.remarks import Remark, RemarkKind
 
 MOST_GAPS = 3
 
 
-def remark_words(one: ReadingRemark) -> str:
+def remark_words(one: Remark) -> str:
     """Return what is wrong, and after '; ' what to do: 'readings are rounded to 1 µm; give every digit ...'."""
     return '; '.join(filter(None, _SAYS[one.kind](**one.numbers)))
 
 
-def fact_words(one: ReadingRemark) -> str:
+def fact_words(one: Remark) -> str:
     """Return what is wrong, without what to do."""
     return _SAYS[one.kind](**one.numbers)[0]
 
@@ -126,7 +126,7 @@ def _far_away(limit: float, away: float, is_in_millimetres: bool) -> tuple[str, 
             'these are millimetres, give metres' if is_in_millimetres else '')
 
 
-_SAYS: Mapping[RemarkKind, Callable[..., tuple[str, str]]] = {
+_SAYS: Mapping[str, Callable[..., tuple[str, str]]] = {
     RemarkKind.LOG_DAMAGED: _log_damaged,
     RemarkKind.TWO_ANSWERS: _two_answers,
     RemarkKind.SAME_STAMPS: _same_stamps,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.diagnosis.comparison import Comparison
-from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
+from rosette_ros.core.diagnosis.second_run import CheckedEffect, CheckOutcome, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, noise_facts
 from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.sharing import ITEMS
@@ -65,7 +65,7 @@ def comparison_words(comparison: Comparison) -> str:
 def check_words(check: CrossCheck) -> str:
     """Return what the second run confirms, and how its residual changes."""
     parts = list(map(_checked, check.effects))
-    if any(one.outcome == 'confirmed' for one in check.effects):
+    if any(one.outcome is CheckOutcome.CONFIRMED for one in check.effects):
         parts.append(f'The residual standard deviation of this run falls from {micrometres(check.before.rms)} to '
                      f'{micrometres(check.after.rms)}.')
     if check.carried is not None:
@@ -78,8 +78,27 @@ def check_words(check: CrossCheck) -> str:
 
 def _checked(one: CheckedEffect) -> str:
     title = capital(title_of(one.name))
-    if one.outcome == 'confirmed':
+    if one.outcome is CheckOutcome.CONFIRMED:
         size = {True: ', with the same size', False: ', with another size', None: ''}[one.same_size]
         return f'{title} is confirmed{size}.'
-    said = 'is not seen' if one.outcome == 'not seen' else 'cannot be checked'
-    return f'{title} {said}: {one.reason}.'
+    said = 'is not seen' if one.outcome is CheckOutcome.NOT_SEEN else 'cannot be checked'
+    return f'{title} {said}: {reason_words(one)}.'
+
+
+def reason_words(one: CheckedEffect) -> str:
+    """Return why the second run says so of an effect."""
+    match one.outcome:
+        case CheckOutcome.CONFIRMED:
+            return 'it is there'
+        case CheckOutcome.NOT_SEEN if one.cross_validation_with < one.cross_validation_without:
+            return f'the residual falls with it by no more than chance (p = {one.p:.2g})'
+        case CheckOutcome.NOT_SEEN:
+            return 'the cross-validation residual does not fall with it'
+        case CheckOutcome.TOO_WEAK:
+            return f'at the size learnt it is {one.strength:.1f} sigma above the noise here, too little to be decided'
+        case CheckOutcome.HIDDEN:
+            return 'it is not observable in this order of measurement'
+        case CheckOutcome.EVENT:
+            return 'an event of the first run, which need not happen again'
+        case CheckOutcome.NOT_JUDGED:
+            return one.unavailable

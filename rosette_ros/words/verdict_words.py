@@ -41,6 +41,7 @@ from rosette_ros.words.reading_words import remark_words
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.diagnosis.posterior import Cause
     from rosette_ros.core.model.least_squares import Parameter
+    from rosette_ros.core.model.noise import Group
 
 HEADLINES = {
     Outcome.UNIT: 'NOT JUDGED, THE UNIT OF THE READINGS IS IN DOUBT',
@@ -396,7 +397,7 @@ def noise_words(noise: NoiseFacts) -> list[str]:
         out.append(f'single {noise.tail}s are farther off than a normal distribution allows (Student, '
                    f'{noise.tail_dof:g} degrees of freedom)')
     if noise.noisiest:
-        where, *alike = noise.noisiest
+        where, *alike = map(_group, noise.noisiest)
         same = f' (this run cannot tell it from {" or ".join(alike)})' if alike else ''
         out.append(f'{where} scatters {noise.factor:.1f} times as much as the others{same}')
     if noise.walk:
@@ -421,10 +422,14 @@ def noise_actions(noise: NoiseFacts) -> list[str]:
     if noise.tail:
         out.append('clean balls and stylus (readings that stand out have less weight)')
     if noise.noisiest:
-        out.append(f'check {noise.noisiest[0]}')
+        out.append(f'check {_group(noise.noisiest[0])}')
     if noise.walk or noise.wander or noise.correlation:
         out.append('look for draughts, vibration and changes of temperature of the frame, or measure faster')
     return out
+
+
+def _group(one: 'Group') -> str:
+    return f'part {one.number} of {one.groups} of the run' if one.by == 'time' else f'{one.by} {one.number}'
 
 
 def _axes(letters: str) -> str:

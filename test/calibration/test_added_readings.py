@@ -18,10 +18,10 @@ from rosette_ros.calibration.state_machine import (
     Extended,
     Finish,
     PublishRun,
-    Remark,
     Sequence,
     Until,
     Verify,
+    Warn,
 )
 from rosette_ros.core.run.errors import InvalidConfig, InvalidPlan
 from rosette_ros.core.run.scheme import plan
@@ -177,7 +177,7 @@ def test_an_evaluator_that_does_not_say_is_asked_again():
     asking(sequence)
     for _ in range(LIMITS.attempts):
         commands = sequence.not_decided('the evaluator disconnected before it answered', 1.0)
-        assert of_kind(commands, Remark) == [Remark(
+        assert of_kind(commands, Warn) == [Warn(
             'the next readings are not known: the evaluator disconnected before it answered; asking again')]
         assert of_kind(commands, PublishRun)
         assert of_kind(sequence.evaluated(results_of(sequence)), AskNext)

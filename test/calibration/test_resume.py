@@ -15,7 +15,7 @@ from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.goal import Request, earlier_answers, make_job, refuse_other_plan
 from rosette_ros.calibration.settings import LIMITS as LIMIT_SETTINGS
 from rosette_ros.calibration.settings import PLANNED, format_settings, parse_settings
-from rosette_ros.calibration.state_machine import PAUSE, Ask, Finish, Locate, Remark, Sequence
+from rosette_ros.calibration.state_machine import PAUSE, Ask, Finish, Locate, Sequence, Warn
 from rosette_ros.core.run.errors import CellError, InvalidConfig
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase
@@ -91,7 +91,7 @@ def test_hold_and_resume():
     sequence = Sequence(RUN_ID, PLAN, LIMITS)
     ask = last_ask(sequence.begin(0.0))
     commands = sequence.hold('the CMM is disconnected', 1.0)
-    assert commands[0] == Remark('the CMM is disconnected; the run waits for it')
+    assert commands[0] == Warn('the CMM is disconnected; the run waits for it')
     assert sequence.describe() == 'the CMM is disconnected; waiting for it'
     assert last_ask(sequence.answer(answer_to(ask), 2.0)) is None
     assert sequence.done == 1

@@ -17,8 +17,8 @@ from rosette_ros.calibration.state_machine import (
     Finish,
     Locate,
     PublishState,
-    Remark,
     Sequence,
+    Warn,
     complaint,
 )
 from rosette_ros.core.run.scheme import ORDERS, plan
@@ -123,7 +123,7 @@ def test_unusable_answer_is_asked_again_in_words(changes, words):
     wrong = answer_to(ask, **changes)
     remark, again = sequence.answer(wrong, 0.1)
     again = again.target
-    assert isinstance(remark, Remark)
+    assert isinstance(remark, Warn)
     _check(words, remark.text)
     assert (again.seq, again.attempt) == (1, 2)
     sequence.answer(wrong, 0.2)
@@ -147,7 +147,7 @@ def test_answers_to_something_else_change_nothing():
         for seq in seqs:
             assert sequence.answer(answer_to(ask, seq=seq), now) == ()
         remark, *_, asked = sequence.answer(answer_to(ask), now) if ask.seq < 2 else sequence.tick(now)
-        assert remark == Remark(f'not used: {words}, waiting for seq {ask.seq}')
+        assert remark == Warn(f'not used: {words}, waiting for seq {ask.seq}')
         ask = asked.target
     assert (ask.seq, ask.attempt) == (2, 3), 'one was answered, one was late twice'
 
@@ -268,7 +268,7 @@ def test_whatever_comes_every_ball_is_taken_once_and_in_order(n, order, events, 
             stray = {'twice': old or answer_to(ask, seq=seq + 1), 'old': answer_to(ask, seq=0),
                      'other run': answer_to(ask, run_id='b')}[event]
             step = sequence.answer(stray, now)
-            assert [type(command) for command in step] == [Remark] * (event == 'other run')
+            assert [type(command) for command in step] == [Warn] * (event == 'other run')
             continue
         else:
             wrong = {'nan': {'centre': (np.nan,) * 3}, 'failed': {'status': 1},
@@ -365,13 +365,13 @@ def test_nothing_is_left_out_of_the_alignment():
 def test_mistakes_of_the_cmm_are_told_after_the_alignment():
     """A node that never fills header.stamp, and whose travel starts again at every turn, no noise: before the run."""
     commands = run_through(make_sequence(6))
-    texts = [command.text for command in commands if isinstance(command, Remark)]
+    texts = [command.text for command in commands if isinstance(command, Warn)]
     assert len(texts) == 3
     assert texts[0].startswith('header.stamp is 0 in 14 of 14 answers')
     assert texts[1].startswith('table_travel is not cumulative')
     assert texts[2].startswith('the 2 readings of the repeatability check are all the same')
     located = next(place for place, command in enumerate(commands) if isinstance(command, Locate))
-    assert all(isinstance(command, Remark) for command in commands[located + 1:located + 4])
+    assert all(isinstance(command, Warn) for command in commands[located + 1:located + 4])
 
 
 def test_units_that_are_taken_for_others_are_named():

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly, found_turn
+from rosette_ros.core.joint.knowledge import JointRemark
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.core.run.records import CURVES, remove_gauge
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.joint_words import note_words, part_words
 
 BACKLASH = {'kind': 'table_backlash', 'width_urad': 2.0}
 
@@ -48,7 +50,7 @@ def test_a_run_alone_says_what_it_hides():
     """Thirteen combinations, ten in the curves, and nothing that is known beyond."""
     result = joint(measured())
     assert (result.solution.hidden.shape[1], result.solution.hidden_in_curves) == (13, 10)
-    assert (result.tests, result.knowledge.known) == ((), ())
+    assert (result.tests, part_words(result.knowledge.known)) == ((), ())
     assert len(result.knowledge.hidden) == 8
 
 
@@ -56,7 +58,7 @@ def test_there_and_back_gives_six_reversal_curves_with_means():
     """A backlash of 2 µrad in crz, within its uncertainty, and no other reversal."""
     result = joint(measured(order='there_and_back', n=12, hidden='backlash'))
     assert [one.sense for one, _ in result.curves] == [1, -1]
-    assert 'the reversal of all six curves, with its means' in result.knowledge.known
+    assert 'the reversal of all six curves, with its means' in part_words(result.knowledge.known)
     (reversal,) = result.reversals
     assert reversal.p < 1e-6
     assert all(reversal.is_known)
@@ -88,7 +90,8 @@ def test_the_reversal_is_that_of_the_angles_that_both_runs_have():
     (reversal,) = result.reversals
     assert np.rad2deg(reversal.motions.angle) == pytest.approx(45 * np.arange(1, 8))
     assert reversal.mean[5] == pytest.approx(2e-6, abs=4 * reversal.u_mean[5]) and reversal.u_mean[5] < 1e-7
-    assert result.notes == ('table counter-clockwise: no reversal at 0 deg, where nothing was measured clockwise',)
+    assert [*map(note_words, result.notes)] == [
+        'table counter-clockwise: no reversal at 0 deg, where nothing was measured clockwise']
 
 
 def test_without_the_frames_the_means_of_the_reversal_are_not_known():
@@ -98,9 +101,9 @@ def test_without_the_frames_the_means_of_the_reversal_are_not_known():
     result = evaluate_jointly(pair)
     assert result.sharing.frame == ('1', '2')
     assert not any(result.reversals[0].is_known)
-    assert 'reversal: mean of crz' in result.knowledge.hidden
-    assert result.knowledge.known == ('the reversal of all six curves, but for its means',)
-    assert any('determined its table frame anew' in note for note in result.notes)
+    assert 'reversal: mean of crz' in part_words(result.knowledge.hidden)
+    assert part_words(result.knowledge.known) == ('the reversal of all six curves, but for its means',)
+    assert JointRemark.FRAMES_APART in {note.kind for note in result.notes}
     assert all(evaluate_jointly(pair, {'frame': ('1', '1')}).reversals[0].is_known)
 
 
@@ -150,7 +153,7 @@ def test_a_turned_plate_is_one_plate():
     assert result.sharing.clamping[0] != result.sharing.clamping[1]
     assert result.solution.model.unknowns == 12 * 8 + 6
     assert not any(test.is_contradicted for test in result.tests)
-    assert 'turned by 90° against diagonal0' in result.notes[0]
+    assert 'turned by 90° against diagonal0' in note_words(result.notes[0])
     ((_, motions),) = result.curves
     error = (motions.values - remove_gauge(machine.table_truth(frame=first.frame))) / motions.u
     assert np.sqrt(np.mean(error**2)) < 1.4
@@ -193,7 +196,7 @@ def test_a_declaration_is_used_and_judged():
 def test_a_seat_that_reproduces_gives_what_turns_once():
     """The tilt against the face of the seat becomes known, by trust: of its three parts only the height is tested."""
     result = joint(measured(), measured(turn=90.0, noise=1), seat='plane')
-    assert 'once-per-turn part of (crx, cry): tilt' in result.knowledge.known
+    assert 'once-per-turn part of (crx, cry): tilt' in part_words(result.knowledge.known)
     assert result.solution.hidden_in_curves == 8
     assert next(test for test in result.tests if test.item == 'seat').dof == 1
 
@@ -201,7 +204,7 @@ def test_a_seat_that_reproduces_gives_what_turns_once():
 def test_a_calibrated_cmm_gives_the_scale():
     """And the machine frame; that the deviations are zero is tested."""
     result = joint(measured(), cmm_is_calibrated=True)
-    assert {'radial scale of plate and CMM', 'mean of ctx and cty'} <= {*result.knowledge.known}
+    assert {'radial scale of plate and CMM', 'mean of ctx and cty'} <= {*part_words(result.knowledge.known)}
     assert [(test.item, test.is_contradicted) for test in result.tests] == [('calibrated CMM', True)]
 
 

@@ -23,8 +23,9 @@ from rosette_ros.core.uncertainty.error_summary import fit_lines
 from rosette_ros.core.uncertainty.form_field import form_basis
 from rosette_ros.core.uncertainty.hidden_effects import surrounded
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
-from rosette_ros.core.uncertainty.uncertainty_budget import TouchScatter, budget
+from rosette_ros.core.uncertainty.uncertainty_budget import BudgetGap, TouchScatter, budget
 from rosette_ros.presentation.budget_results import together_words
+from rosette_ros.words.budget_words import not_considered
 
 pytestmark = pytest.mark.long
 
@@ -213,17 +214,21 @@ def test_monte_carlo_refutes_a_wrong_budget(make_run):
     assert monte_carlo(made, 4000).agrees is True
 
 
+def gap(made, kind):
+    """Return what a budget does not consider of a kind."""
+    return next(one for one in made.open if one.kind is kind)
+
+
 def test_hidden_effects_are_bounded_or_named(make_run):
     """In the order row a drift is hidden and harmful: it is named, or has the bound that is stated, D / sqrt(3)."""
     run = make_run(6, 'row', noise=NOISE)[0]
     fitted = fit(run)
     shown = visibility(run, fitted.sigma)
-    open_ones = budget(fitted, hidden=shown).open
-    assert any('hides altogether' in words and 'frame_drift' in words for words in open_ones)
+    assert 'frame_drift' in gap(budget(fitted, hidden=shown), BudgetGap.UNBOUNDED).numbers['effects']
     made = budget(fitted, BudgetInputs(bounds={'frame_drift': 3e-7}), hidden=shown)
     bias = next(one.bias for one in shown if one.name == 'frame_drift')
     np.testing.assert_allclose(lines(made)['hidden: frame_drift'].mean, 3e-7 / np.sqrt(3) * bias)
-    assert not any('hides altogether' in words and ' frame_drift' in words for words in made.open)
+    assert 'frame_drift' not in gap(made, BudgetGap.UNBOUNDED).numbers['effects']
     assert np.all(made.mean >= root_mean(made.combined()))
     with pytest.raises(InvalidData, match="hidden_effects: wanted one of .*, got 'drift'"):
         budget(fitted, BudgetInputs(bounds={'drift': 3e-7}), hidden=shown)
@@ -237,7 +242,7 @@ def test_a_bound_of_an_effect_that_the_run_cannot_judge_is_no_line_of_zeros(make
     made = budget(fitted, BudgetInputs(bounds={'table_backlash_angle': 3e-7, 'frame_drift': 3e-7}), hidden=shown)
     assert 'hidden: table_backlash_angle' not in lines(made)
     assert lines(made)['hidden: frame_drift'].mean.max() > 0
-    named = [words for words in made.open if 'table_backlash_angle (' in words]
+    named = [words for words in not_considered(made) if 'table_backlash_angle (' in words]
     assert named == ['Effects of stated size that are in no line, as the run does not tell what they do to the curves: '
                      'table_backlash_angle (the run does not say in which sense the table moved).']
 
@@ -245,7 +250,7 @@ def test_a_bound_of_an_effect_that_the_run_cannot_judge_is_no_line_of_zeros(make
 def test_what_is_missing_is_told_and_not_invented(make_run):
     """Each section that is not stated is named; a range of temperature is asked for."""
     fitted = fit(make_run(6, noise=NOISE)[0])
-    told = ' '.join(budget(fitted, doubt='the model does not fit').open)
+    told = ' '.join(not_considered(budget(fitted, doubt='the model does not fit')))
     for section in ('ball_form', 'plate_expansion', 'frame_expansion', 'alignment', 'radius', 'touches'):
         assert f'({section})' in told
     assert told.startswith('What the model lacks: the model does not fit.')

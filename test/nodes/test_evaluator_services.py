@@ -18,6 +18,7 @@ from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import verdict_of
 from rosette_ros.io.open_run import open_readings
 from rosette_ros.nodes.conversions import block_message
+from rosette_ros.words.joint_words import part_words
 from rosette_ros.words.settling_words import block_words, standing_words
 from rosette_ros.words.verdict_words import verdict_text
 
@@ -133,7 +134,7 @@ def test_a_joint_evaluation_is_answered_and_published(calibrated, ask, wait_unti
     assert np.array_equal(got.curves[0].ctx, motions['ctx'])
     assert np.array_equal(got.curves[0].u_crz, motions.uncertainty('crz'))
     assert (list(got.run_ids), got.rank, got.hidden_in_curves) == ([calibrated.run_id], 12 * N - 13, 10)
-    assert list(got.not_known) == list(offline.knowledge.hidden)
+    assert list(got.not_known) == list(part_words(offline.knowledge.hidden))
     assert (got.level, answer.message) == ('bad', got.verdict)
     wait_until(lambda: ask.heard['joint_evaluation'])
     refused = [ask('evaluate_jointly', **request).message for request in (

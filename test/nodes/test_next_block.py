@@ -7,7 +7,7 @@ import pytest
 from rosette_msgs.msg import Block
 from rosette_msgs.srv import NextReadings
 
-from rosette_ros.calibration.state_machine import Remark, Until
+from rosette_ros.calibration.state_machine import Until, Warn
 from rosette_ros.core.run.errors import CellError
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.nodes.node_requests import NextBlock
@@ -68,7 +68,7 @@ def test_a_block_that_the_cmm_takes():
 def test_a_block_that_the_cmm_refuses_is_replaced_by_the_next_best():
     """The evaluator is told which ones are refused."""
     rig = Rig(refused=(1, 2))
-    assert rig.ask() == [Remark(f'{WORDS}; asking for other readings')] * 2 + ['decided']
+    assert rig.ask() == [Warn(f'{WORDS}; asking for other readings')] * 2 + ['decided']
     assert [[one.ball[0] for one in request.refused] for request in rig.requests] == [[], [1], [1, 2]]
     assert rig.heard[0][0].ball.tolist() == [3]
 

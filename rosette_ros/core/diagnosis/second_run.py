@@ -9,7 +9,7 @@ taken from A as they are, which asks for everything at once.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from enum import StrEnum
 
 import numpy as np
 import scipy  # which loads its parts where they are used
@@ -31,7 +31,17 @@ Learnt = tuple[Effect, FittedEffect]
 """An effect and how it was fitted to run A."""
 SAME_READING, SAME_SHARE = 1e-9, 0.9
 """Readings that differ by less, m, are the same; runs are the same of which so large a share is."""
-CheckOutcome = Literal['confirmed', 'not seen', 'hidden', 'too weak', 'event', 'not judged']
+
+
+class CheckOutcome(StrEnum):
+    """What a second run says of an effect that was learnt on the first one."""
+
+    CONFIRMED = 'confirmed'
+    NOT_SEEN = 'not seen'
+    HIDDEN = 'hidden'
+    TOO_WEAK = 'too weak'
+    EVENT = 'event'
+    NOT_JUDGED = 'not judged'
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,17 +49,19 @@ class CheckedEffect:
     """One effect of run A on run B.
 
     carries: as of Effect; outcome: confirmed, not seen, hidden (by B's order), too weak (the size learnt on A would not
-    show in B), event (nothing that comes again) or not judged; reason: in words; visible_fraction: in B; p: probability
-    that noise in B does as well; rms and error of the cross-validation in B without and with it, m, all other checked
-    effects being there; learnt, found: its parameters in A and B; same_size: whether the amplitudes agree within their
-    uncertainties, None where they need not.
+    show in B), event (nothing that comes again) or not judged; unavailable: why the effect cannot be judged on B;
+    strength: of the size learnt above the noise of B, in its standard deviations; visible_fraction: in B; p:
+    probability that noise in B does as well; rms and error of the cross-validation in B without and with it, m, all
+    other checked effects being there; learnt, found: its parameters in A and B; same_size: whether the amplitudes agree
+    within their uncertainties, None where they need not.
     """
 
     name: str
     setting: Setting
     carries: str
     outcome: CheckOutcome
-    reason: str
+    unavailable: str = ''
+    strength: float = float('nan')
     visible_fraction: float = float('nan')
     p: float = float('nan')
     rms_without: float = float('nan')
@@ -108,8 +120,8 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     effects = tuple(next(judged) if words is None else
                     CheckedEffect(effect.name, fitted.setting, effect.carries, *words, learnt=fitted.parameters)
                     for (effect, fitted), words in zip(learnt, refused))
-    outcomes = [entry.outcome for entry in effects if entry.outcome in ('confirmed', 'not seen')]
-    confirmed = all(outcome == 'confirmed' for outcome in outcomes) if outcomes else None
+    judged_ones = [one.outcome for one in effects if one.outcome in (CheckOutcome.CONFIRMED, CheckOutcome.NOT_SEEN)]
+    confirmed = all(one is CheckOutcome.CONFIRMED for one in judged_ones) if judged_ones else None
     return CrossCheck(before, after, carried, error, error_with,
                       cross_validation_rms(carried) if carried else float('nan'),
                       effects, confirmed)
@@ -117,12 +129,12 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
 
 def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[CheckOutcome, str] | None:
     if effect.carries == 'nothing':
-        return 'event', 'an event of the first run, which need not happen again'
+        return CheckOutcome.EVENT, ''
     reason = effect.unavailable(before.run)
     if reason:
-        return 'not judged', reason
+        return CheckOutcome.NOT_JUDGED, reason
     if not _visible_share(effect, fitted.setting, before) >= HIDDEN_SHARE:
-        return 'hidden', 'it is not observable in this order of measurement'
+        return CheckOutcome.HIDDEN, ''
     return None
 
 
@@ -160,19 +172,13 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
         found = after.effects[len(before.effects) + place]
         moved = after.joint.space.residual(_displacement(before.run, effect, fitted)[None])
         strength = float(np.linalg.norm(moved)) / after.sigma
-        outcome: CheckOutcome = 'confirmed'
-        reason = 'it is there'
-        if not (p < UNLIKELY / len(pairs) and error_with < error_without):
-            outcome = 'not seen'
-            reason = ('the cross-validation residual does not fall with it' if not error_with < error_without else
-                      f'the residual falls with it by no more than chance (p = {p:.2g})')
-            if strength < DETECTABLE:
-                outcome = 'too weak'
-                reason = f'at the size learnt it is {strength:.1f} sigma above the noise here, too little to be decided'
-        same = _same_size(fitted, found) if effect.carries == 'all' and outcome == 'confirmed' else None
+        outcome = (CheckOutcome.CONFIRMED if p < UNLIKELY / len(pairs) and error_with < error_without else
+                   CheckOutcome.TOO_WEAK if strength < DETECTABLE else CheckOutcome.NOT_SEEN)
+        same = _same_size(fitted, found) if effect.carries == 'all' and outcome is CheckOutcome.CONFIRMED else None
         share = _visible_share(effect, fitted.setting, before)
-        out.append(CheckedEffect(effect.name, fitted.setting, effect.carries, outcome, reason, share, p, without.rms,
-                                 after.rms, error_without, error_with, fitted.parameters, found.parameters, same))
+        out.append(CheckedEffect(effect.name, fitted.setting, effect.carries, outcome, '', strength, share, p,
+                                 without.rms, after.rms, error_without, error_with, fitted.parameters,
+                                 found.parameters, same))
     return out
 
 

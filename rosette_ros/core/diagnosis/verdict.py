@@ -10,12 +10,13 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.limits import SURE
 from rosette_ros.core.run.records import Floats, Run, resolution_of
-from rosette_ros.core.run.remarks import ReadingRemark, RemarkKind
+from rosette_ros.core.run.remarks import Remark, RemarkKind
 from rosette_ros.core.uncertainty.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.diagnosis.posterior import Cause, Claim
     from rosette_ros.core.model.least_squares import Fit, Parameter
+    from rosette_ros.core.model.noise import Group
 
 UNLIKELY = 0.01
 """Probability of lack of fit below which readings scatter more than stated.
@@ -216,7 +217,7 @@ class NoiseFacts:
     than: str = ''
     tail: str = ''
     tail_dof: float = 0.0
-    noisiest: tuple[str, ...] = ()
+    noisiest: 'tuple[Group, ...]' = ()
     factor: float = 1.0
     walk: float = 0.0
     wander: float = 0.0
@@ -259,7 +260,7 @@ class Verdict(Judged):
     present: tuple[tuple[str, float], ...] = ()
     noise: NoiseFacts = field(default_factory=NoiseFacts)
     step: float = 0.0
-    remarks: tuple[ReadingRemark, ...] = ()
+    remarks: tuple[Remark, ...] = ()
     has_motions: bool = True
     reason: str = ''
     added: tuple[str, ...] = ()

@@ -10,7 +10,7 @@ import numpy as np
 import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
-from rosette_ros.core.joint.knowledge import Knowledge, angles_of_one_sense, knowledge, pairs_of_senses
+from rosette_ros.core.joint.knowledge import JointRemark, Knowledge, angles_of_one_sense, knowledge, pairs_of_senses
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import ITEMS, Sharing, apart
 from rosette_ros.core.model.least_squares import UNLIKELY
@@ -18,6 +18,7 @@ from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Frame
 from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.run.remarks import Remark, remark
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MATTERS, hidden_covariance
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Environment, Unseen
@@ -104,7 +105,7 @@ class JointResult:
     sigma_dof: float
     sigma_source: str
     lack_of_fit_p: float | None
-    notes: tuple[str, ...]
+    notes: tuple[Remark, ...]
     environment: Environment | None = None
 
     @property
@@ -119,7 +120,7 @@ class JointResult:
 
     @cached_property
     def knowledge(self) -> Knowledge:
-        """What is determined, and what is not, in words."""
+        """What is determined, and what is not."""
         return knowledge(self.solution)
 
     @cached_property
@@ -218,8 +219,7 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
     if environment and sum(run.size for run in runs) > MOST_READINGS:
         raise InvalidData(f'{runs[0].source}: wanted at most {MOST_READINGS} readings in an environment, got '
                           f'{sum(run.size for run in runs)}; evaluate fewer runs as one')
-    notes += [f'{run.name}: what its order hides is not in U, as its plate is of no regular pitch' for run in runs
-              if environment and run.run is None]
+    notes += [remark(JointRemark.NOT_IN_U, run=run.name) for run in runs if environment and run.run is None]
     solution = JointSolution(JointModel(runs, wanted))
     if solution.dof <= 0:
         raise NotDeterminable(f'{solution.model.size} ball centres leave {solution.dof} degrees of freedom; measure '
@@ -279,14 +279,15 @@ def _refuse_unlike_plates(runs: Sequence[Readings], sharing: Sharing) -> None:
                               'declare the plates separate')
 
 
-def default_sharing(runs: Sequence[Readings], declared: Mapping[str, Any]) -> tuple[list[Readings], Sharing, list[str]]:
+def default_sharing(runs: Sequence[Readings],
+                    declared: Mapping[str, Any]) -> tuple[list[Readings], Sharing, list[Remark]]:
     """Return the runs, in one frame where theirs are known, what they share as far as they say, and remarks on it.
 
     declared: fields of Sharing that are given. Plates of the same nominal places are one; how much it was turned shows
     in its deviations; not turned, it was not clamped anew. Both senses of turning have curves of their own. Frames are
     shared where logs give them.
     """
-    runs, notes, count = list(runs), list[str](), len(runs)
+    runs, notes, count = list(runs), list[Remark](), len(runs)
     base = runs[0].frame
     one_frame = count == 1 or bool(base and all(_are_near(base, run.frame) for run in runs))
     if base and one_frame:
@@ -299,24 +300,22 @@ def default_sharing(runs: Sequence[Readings], declared: Mapping[str, Any]) -> tu
                    clamping=tuple(f'{turn:.6f}' for turn in turns), frame=('1',) * count if one_frame else apart(count),
                    by_sense=bool(clockwise.any() and not clockwise.all())), **declared)
     if count > 1 and sharing.frame == apart(count):
-        notes.append('each run has determined its table frame anew, so what differs by a displacement or a turn of the '
-                     'frame is not compared')
+        notes.append(remark(JointRemark.FRAMES_APART))
     if sharing.by_sense and 'by_sense' not in declared:
         hidden = [JointSolution(JointModel(runs, replace(sharing, by_sense=by_sense))).hidden_in_curves
                   for by_sense in (False, True)]
         if hidden[1] > hidden[0] + 6 * (count - 1):
             sharing = replace(sharing, by_sense=False)
-            notes.append('too little was measured clockwise, or counter-clockwise, for curves of both senses')
+            notes.append(remark(JointRemark.ONE_SENSE))
     return runs, sharing, notes
 
 
-def _turns_of(runs: Sequence[Readings], plates: Sequence[int], notes: list[str]) -> tuple[float, ...]:
+def _turns_of(runs: Sequence[Readings], plates: Sequence[int], notes: list[Remark]) -> tuple[float, ...]:
     turns = []
     for run, first in zip(runs, plates):
         turns.append(0.0 if runs[first] is run else found_turn(runs[first], run))
         if turns[-1]:
-            notes.append(f'{run.name}: the deviations of the balls show that the plate was turned by '
-                         f'{np.rad2deg(turns[-1]):.6g}° against {runs[first].name}')
+            notes.append(remark(JointRemark.TURNED, run=run.name, against=runs[first].name, turn=turns[-1]))
     return tuple(turns)
 
 

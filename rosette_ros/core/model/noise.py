@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -33,6 +33,14 @@ SAME = 0.99
 """Share of readings in which two places agree that cannot be distinguished."""
 Real = TypeVar('Real', bound=np.floating[Any])
 """Single or double precision; what is made of columns keeps that of them."""
+
+
+class Group(NamedTuple):
+    """Readings that share something: by what, the number of their group, from 1, and how many there are."""
+
+    by: str
+    number: int
+    groups: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,15 +120,14 @@ class Noise:
             weight = weight / self.factors[place_of(run, self.by)][:, None]**2
         return replace(self, by='', factors=np.ones(1), weight=weight[index])
 
-    def noisiest(self, run: Run) -> list[str]:
-        """Return the group whose factor is the largest, in words, and what else its readings share in this order."""
+    def noisiest(self, run: Run) -> list[Group]:
+        """Return the group whose factor is the largest, and what else its readings share in this order."""
         members = place_of(run, self.by) == self.factors.argmax()
-        out: list[str] = []
+        out: list[Group] = []
         for label, index, names in places(run):
             group = int(np.bincount(index[members]).argmax())
             if label != 'sequence' and np.mean((index == group) == members) > SAME:
-                where = f'part {group + 1} of {len(names)} of the run' if label == 'time' else f'{label} {group + 1}'
-                out.insert(0 if label == self.by else len(out), where)
+                out.insert(0 if label == self.by else len(out), Group(label, group + 1, len(names)))
         return out
 
     def scaled(self) -> 'Noise':

@@ -3,14 +3,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.planning.expectation import Expectation, expect
-from rosette_ros.core.run.errors import InvalidPlan, counted
+from rosette_ros.core.run.errors import InvalidPlan
 from rosette_ros.core.run.records import Floats
 from rosette_ros.core.run.reduced_sets import best_members, fewest_members, penalty, relative_uncertainty
+from rosette_ros.core.run.remarks import Remark, remark
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.core.run.touches import USUAL_PACE, Pace
 from rosette_ros.core.sight.visibility import GOOD_SHARE, Visibility, visibility
@@ -20,11 +22,22 @@ from rosette_ros.core.uncertainty.stated_environment import Environment
 
 NOTICED = 0.02
 """Relative differences of uncertainties and times that are not worth a word."""
-LISTED = 8
 SHARES, MOST_BALLS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 1), 36
 """Shares of the CMM positions for which the best sets are looked for; of larger plates neither these nor effects."""
 Point = tuple[str, float, float]
 """Name, share N / n^2 of the readings of a complete run, uncertainty of the curves relative to it."""
+
+
+class PlanRemark(StrEnum):
+    """In what plans differ; words/plan_words.py says it."""
+
+    UNCERTAINTY = 'uncertainty of the curves'
+    TIME = 'time'
+    EFFECTS = 'effects shown well'
+    SHOWN_BY_ONE = 'effects that one plan alone shows'
+    SHOWN_BY_NONE = 'effects that no plan shows'
+    BALL_PLACES_LEFT_OUT = 'ball places without deviations'
+    CMM_POSITIONS_LEFT_OUT = 'CMM positions without deviations'
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,41 +104,33 @@ def best_sets(n: int) -> list[tuple[float, float]]:
     return [(size / n, penalty(n, best_members(n, size))) for size in sizes]
 
 
-def better(plans: Sequence[Outlook]) -> tuple[str, ...]:
-    """Return in sentences which of several plans is better in which respect."""
-    said = [_best(plans, 'Uncertainty of the curves, relative to a complete run', lambda one: one.penalty,
-                  '{:.2f}'),
-            _best(plans, 'Time', lambda one: one.expectation.duration / 3600, '{:.2f} h')]
+def better(plans: Sequence[Outlook]) -> tuple[Remark, ...]:
+    """Return which of several plans is better in which respect."""
+    said = [_best(plans, PlanRemark.UNCERTAINTY, lambda one: one.penalty),
+            _best(plans, PlanRemark.TIME, lambda one: one.expectation.duration)]
     if all(one.effects for one in plans):
-        said.append(_best(plans, f'Effects shown well, of {max(len(one.judged) for one in plans)}',
-                          lambda one: len(one.shown), '{:.0f}', most=True))
+        said.append(_best(plans, PlanRemark.EFFECTS, lambda one: len(one.shown), most=True,
+                          judged=max(len(one.judged) for one in plans)))
         for one in plans:
             others = {name for other in plans if other is not one for name in other.shown}
-            if own := [name for name in one.shown if name not in others]:
-                said.append(f'Only {one.name} shows {_listed(own)} well.')
-        nobody = [effect.name for effect in plans[0].effects
-                  if effect.name in plans[0].judged and not any(effect.name in one.shown for one in plans)]
-        said += [f'None shows {_listed(nobody)} well.'] if nobody else []
+            if own := tuple(name for name in one.shown if name not in others):
+                said.append(remark(PlanRemark.SHOWN_BY_ONE, plan=one.name, effects=own))
+        nobody = tuple(effect.name for effect in plans[0].effects
+                       if effect.name in plans[0].judged and not any(effect.name in one.shown for one in plans))
+        said += [remark(PlanRemark.SHOWN_BY_NONE, effects=nobody)] if nobody else []
     for one in plans:
-        unused = [(what, one.scheme.n - np.unique(used).size) for what, used in (
-            ('ball place', one.scheme.ball), ('CMM position', one.scheme.cmm_position))]
-        said += [f'{one.name} does not measure the deviations of {counted(number, what)}.'
-                 for what, number in unused if number]
+        for kind, used in ((PlanRemark.BALL_PLACES_LEFT_OUT, one.scheme.ball),
+                           (PlanRemark.CMM_POSITIONS_LEFT_OUT, one.scheme.cmm_position)):
+            if number := one.scheme.n - np.unique(used).size:
+                said.append(remark(kind, plan=one.name, number=number))
     return tuple(said)
 
 
-def _best(plans: Sequence[Outlook], what: str, value: Callable[[Outlook], float], form: str, most: bool = False) -> str:
-    """Return which plans have the least value, or the most, and what the others have; form: of a value."""
+def _best(plans: Sequence[Outlook], kind: PlanRemark, value: Callable[[Outlook], float], most: bool = False,
+          **numbers: int) -> Remark:
+    """Return which plans have the least value, or the most, and what the others have, none where all are alike."""
     every = sorted(plans, key=value, reverse=most)
-    best, worst = value(every[0]), value(every[-1])
-    if abs(worst - best) <= NOTICED * abs(best):
-        return f'{what}: all alike ({form.format(best)}).'
-    same = [one.name for one in every if abs(value(one) - best) <= NOTICED * abs(best)]
-    rest = '; '.join(f'{one.name} {form.format(value(one))}' for one in every[len(same):])
-    return f'{what}: best {"is" if len(same) == 1 else "are"} {_listed(same)} ({form.format(best)}); {rest}.'
-
-
-def _listed(names: Sequence[str]) -> str:
-    if len(names) <= LISTED:
-        return ' and '.join([', '.join(names[:-1]), names[-1]] if len(names) > 1 else names)
-    return f'{", ".join(names[:LISTED])} and {len(names) - LISTED} more'
+    best = value(every[0])
+    same = [one for one in every if abs(value(one) - best) <= NOTICED * abs(best)]
+    return remark(kind, value=best, best=tuple(one.name for one in same),
+                  others=tuple((one.name, value(one)) for one in every[len(same):]), **numbers)

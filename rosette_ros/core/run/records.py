@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from rosette_ros.core.run.axes import iso_names
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Bools, Floats, Ints, nominal_angles, rotate_z, turned_frame, wrap
-from rosette_ros.core.run.remarks import ReadingRemark
+from rosette_ros.core.run.remarks import Remark
 from rosette_ros.core.run.scheme import Way, cmm_position, unknown_sense, unwrap_travel
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
@@ -91,7 +91,7 @@ class Run:
     repeats: bool = False
     session: Ints = _DERIVED
     source: str = 'run'
-    remarks: tuple[ReadingRemark, ...] = ()
+    remarks: tuple[Remark, ...] = ()
     notes: tuple[str, ...] = ()
     simulated: bool = False
     rotation: Floats | None = None

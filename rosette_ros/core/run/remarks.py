@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with the readings of a run, or with one of them: a kind, by which all is decided, and numbers."""
+"""What is found and has to be said: a kind, by which all is decided, and numbers; words/ makes sentences of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -40,13 +40,13 @@ class RemarkKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class ReadingRemark:
-    """What is wrong with readings: its kind, and the numbers that are said of it by their names, in SI units."""
+class Remark:
+    """What was found: its kind, and the numbers that are said of it by their names, in SI units."""
 
-    kind: RemarkKind
+    kind: StrEnum
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
 
-def remark(kind: RemarkKind, **numbers: Any) -> ReadingRemark:
-    """Return the ReadingRemark of a kind with its numbers."""
-    return ReadingRemark(kind, numbers)
+def remark(kind: StrEnum, **numbers: Any) -> Remark:
+    """Return the Remark of a kind with its numbers."""
+    return Remark(kind, numbers)

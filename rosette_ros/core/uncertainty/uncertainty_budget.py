@@ -12,6 +12,7 @@ squares; the degrees of freedom follow Welch and Satterthwaite.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +23,11 @@ from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import radial, rotate_z
 from rosette_ros.core.run.records import ErrorMotions, Floats
+from rosette_ros.core.run.remarks import Remark, remark
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.run.touches import LEAST_TOUCHES, centre_factors, usual_directions
 from rosette_ros.core.sight.visibility import Visibility
-from rosette_ros.core.uncertainty.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
+from rosette_ros.core.uncertainty.budget_inputs import SECTIONS, BudgetInputs, temperature_course
 from rosette_ros.core.uncertainty.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import AxisError, error_lines, extremes, fit_lines, lines_of
@@ -45,6 +47,19 @@ PROBABILITY = math.erf(COVERAGE_FACTOR / math.sqrt(2))
 """That a normal quantity lies within k = 2 of its mean: 0.9545."""
 
 
+class BudgetGap(StrEnum):
+    """What a budget does not consider; words/budget_words.py says it."""
+
+    MODEL = 'what the model lacks'
+    NOT_STATED = 'sections without a value'
+    TOUCHES = 'scatter of single touches'
+    HIDDEN = 'effects that the order hides'
+    UNBOUNDED = 'hidden effects without a largest size'
+    STATED_IN_NO_LINE = 'effects of stated size that are not judged'
+    NOT_JUDGED = 'effects that are not judged'
+    HARMONICS = 'harmonics that the table positions do not sample'
+
+
 class TouchScatter(NamedTuple):
     """Scatter of single touches along their normals, m, directions of the touches of a ball (Q, 3), dof, its source."""
 
@@ -58,7 +73,7 @@ class TouchScatter(NamedTuple):
 class Budget:
     """The uncertainty budget of a Fit.
 
-    inputs: as stated; contributions: in order; open: what is not considered, in sentences; sigma: what white noise is
+    inputs: as stated; contributions: in order; open: what is not considered; sigma: what white noise is
     multiplied by, m, once what other influences leave in the residuals is taken off; touch: scatter and directions of
     the touches; touch_share: (3,) part of the variance of a centre that they are; around: the fit in the environment
     that is stated, explained: each explanation of the run in it, with its probability; None and empty without one.
@@ -67,7 +82,7 @@ class Budget:
     fit: Fit
     inputs: BudgetInputs
     contributions: tuple[Contribution, ...]
-    open: tuple[str, ...]
+    open: tuple[Remark, ...]
     sigma: float
     dof: float
     touch: TouchScatter | None
@@ -346,30 +361,24 @@ def stated_lines(fit: Fit, made: Budget | None, tolerances: Mapping[str, float] 
 
 
 def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
-          hidden: Sequence[Visibility] | None, doubt: str) -> list[str]:
-    """Return what the budget does not consider, in sentences."""
-    out = [f'What the model lacks: {doubt}.'] if doubt else []
-    if lacking := [f'{words} ({section})' for section, (words, _) in SECTIONS.items()
-                   if section not in inputs and section != 'touches']:
-        out.append(f'No value is stated for: {", ".join(lacking)}.')
+          hidden: Sequence[Visibility] | None, doubt: str) -> list[Remark]:
+    """Return what the budget does not consider."""
+    out = [remark(BudgetGap.MODEL, doubt=doubt)] if doubt else []
+    if lacking := tuple(section for section in SECTIONS if section not in inputs and section != 'touches'):
+        out.append(remark(BudgetGap.NOT_STATED, sections=lacking))
     if touch is None:
-        out.append('The scatter of single touches (touches) is not recorded; it is part of the repeatability.')
+        out.append(remark(BudgetGap.TOUCHES))
     if hidden is None:
-        out.append('Effects that this order of measurement hides' + (
-            f', beyond what the environment states ({inputs.environment.name}).' if inputs.environment else '.'))
+        out.append(remark(BudgetGap.HIDDEN, environment=inputs.environment.name if inputs.environment else ''))
     else:
-        harmful = [one.name for one in hidden if not one.reason and not np.isfinite(one.detectable)
-                   and one.name not in inputs.bounds
-                   and np.max(one.bias * np.repeat([1.0, fit.mean_radius], 3)) > HARMLESS]
+        harmful = tuple(one.name for one in hidden if not one.reason and not np.isfinite(one.detectable)
+                        and one.name not in inputs.bounds
+                        and np.max(one.bias * np.repeat([1.0, fit.mean_radius], 3)) > HARMLESS)
         if harmful:
-            out.append('Effects that this order hides altogether and that would change the curves: '
-                       f'{", ".join(harmful)}; state a largest size ({BOUNDS}).')
-        unjudged = {one.name: f'{one.name} ({one.reason})' for one in hidden if one.reason}
-        stated = [unjudged.pop(name) for name in inputs.bounds if name in unjudged]
-        if stated:
-            out.append('Effects of stated size that are in no line, as the run does not tell what they do to the '
-                       f'curves: {"; ".join(stated)}.')
-        if unjudged:
-            out.append(f'Effects that cannot be judged: {"; ".join(unjudged.values())}.')
-    out.append(f'Harmonics of the errors above {fit.run.n // 2}: the table positions do not sample them.')
+            out.append(remark(BudgetGap.UNBOUNDED, effects=harmful))
+        unjudged = {one.name: one.reason for one in hidden if one.reason}
+        stated = {name: unjudged.pop(name) for name in inputs.bounds if name in unjudged}
+        out += [remark(kind, reasons=reasons) for kind, reasons in (
+            (BudgetGap.STATED_IN_NO_LINE, stated), (BudgetGap.NOT_JUDGED, unjudged)) if reasons]
+    out.append(remark(BudgetGap.HARMONICS, order=fit.run.n // 2))
     return out

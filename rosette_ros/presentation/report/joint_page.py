@@ -21,6 +21,7 @@ from rosette_ros.presentation.plots.result_plots import Extra, Series, six_curve
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import FileDigest, digest, software
 from rosette_ros.presentation.table_format import Table
+from rosette_ros.words.joint_words import note_words, part_words
 from rosette_ros.words.reading_words import readings_notes
 from rosette_ros.words.result_words import conclusion_text
 
@@ -46,9 +47,11 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
     return PAGES.get_template('joint.html.j2').render(
         result=result, iso=text.iso_range(runs[0].rotation), verdict=conclusion_text(conclude(result)),
         rows=dict(results.joint_rows(result)), runs=list(map(results.joint_head, runs)),
-        known=result.knowledge.known, nothing=results.nothing_known(result), hidden=result.knowledge.hidden,
+        known=part_words(result.knowledge.known), nothing=results.nothing_known(result),
+        hidden=part_words(result.knowledge.hidden),
         files=tuple(dict.fromkeys(files)),
-        notes=[*result.notes, *(f'{run.name}: {note}' for run in runs for note in readings_notes(run))],
+        notes=[*map(note_words, result.notes),
+               *(f'{run.name}: {note}' for run in runs for note in readings_notes(run))],
         command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result, identity)},
         identity=identity_rows(identity, contradictions), signer=signer(identity), not_stated=NOTHING,

@@ -36,6 +36,7 @@ from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import base_name, curves, tables_of, weak_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.budget_words import not_considered
 from rosette_ros.words.effect_words import capital
 from rosette_ros.words.reading_words import notes_of, remark_words
 from rosette_ros.words.result_words import comparison_words
@@ -72,7 +73,8 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         compared=comparison_words(summary.comparison), pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         advised=advice_words(summary.advice) if summary.advice else '',
         changed=summary.found is not None, now=text.NOW, found=text.FOUND, cross_validation=text.CROSS_VALIDATION,
-        tables=shown_tables(summary, identity, refit, made), budget=made, spheres=sphere_rows(refit) if refit else (),
+        tables=shown_tables(summary, identity, refit, made), budget=made,
+        not_considered=not_considered(made) if made else (), spheres=sphere_rows(refit) if refit else (),
         identity=identity_rows(identity, source.contradictions if source else ()), signer=signer(identity),
         measured=conditions(summary, source), unknown=[
             *unknowns(summary, made), *untouched, *([] if identity.entries else [NOTHING])],

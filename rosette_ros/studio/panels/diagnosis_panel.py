@@ -23,7 +23,7 @@ from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
-from rosette_ros.words.result_words import check_words
+from rosette_ros.words.result_words import check_words, reason_words
 from rosette_ros.words.verdict_words import HEADLINES, titles, verdict_text
 
 Action = Callable[[str, Setting | None], Awaitable[None] | None]
@@ -236,5 +236,5 @@ class CrossCheckPanel:
             ui.label(f'{name}: {check_words(check)}')
             widgets.plain_table(table.select(*OF_CHECKED), [ICONS[Level(one or Level.GOOD)] for one in table.levels])
             for one in check.effects:
-                ui.label(f'{one.name}: {one.reason}')
+                ui.label(f'{one.name}: {reason_words(one)}')
             ui.label(table.note).classes('soft')

@@ -26,6 +26,8 @@ from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import button, input_field, marked, plain_table, row
 from rosette_ros.studio.studio_session import OpenedRun
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.budget_words import not_considered
+from rosette_ros.words.joint_words import note_words
 from rosette_ros.words.result_words import conclusion_text
 
 Start = Callable[[Sequence[int]], Awaitable[None]]
@@ -176,7 +178,7 @@ def _fill_budget(made: Budget | None) -> None:
         plain_table(hidden)
     plain_table(stated_inputs(made))
     ui.label('Not considered').classes('title')
-    for sentence in made.open:
+    for sentence in not_considered(made):
         ui.label(sentence)
 
 
@@ -231,7 +233,7 @@ def _fill_joint(result: JointResult | None) -> None:
     for name, words in joint_rows(result):
         ui.label(f'{name}: {words}.')
     for note in result.notes:
-        ui.label(note).classes('soft')
+        ui.label(note_words(note)).classes('soft')
     plain_table(sharing_table(result))
     for table in joint_errors(result):
         ui.label(table.title).classes('title')
