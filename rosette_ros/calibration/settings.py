@@ -17,6 +17,7 @@ from rosette_ros.calibration.commands import Limits, Until
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.run.axes import taught_frame
 from rosette_ros.core.run.errors import InvalidConfig, InvalidPlan
+from rosette_ros.core.run.number_limits import LARGEST
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS, Scheme, chosen_places, order_name, places_in_use, plan
 from rosette_ros.io.identity_file import format_identity, parse_identity, read_identity
 from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan, parse_plan, read_plan
@@ -25,7 +26,6 @@ from rosette_ros.io.safe_yaml import parse_mapping
 
 MAX_OPTIONS = 10_000  # longest YAML text taken from a goal, characters
 MOST_SETTINGS = 2 * MOST_BYTES  # longest settings taken from a log, characters: there may be a plan in them
-_MOST = 1e300  # whole numbers beyond are no float
 
 Value = bool | int | float | str | tuple[float, ...]
 
@@ -37,8 +37,8 @@ class Wanted:
     name: str
     default: Value  # of the type that is wanted; a tuple: a list of that many numbers
     text: str
-    low: float = -_MOST
-    high: float = _MOST
+    low: float = -LARGEST
+    high: float = LARGEST
     choices: tuple[str, ...] = ()
     read_only: bool = False  # fixed once the node runs
     is_direction: bool = False  # a list of numbers that are not all 0
@@ -46,7 +46,7 @@ class Wanted:
     @property
     def is_bounded(self) -> bool:
         """Whether a number has to lie in low .. high."""
-        return self.high < _MOST
+        return self.high < LARGEST
 
     def check(self, value: Any, where: str) -> Value:
         """Return `value` in the right type, an order by its name of today, or raise InvalidConfig in words."""

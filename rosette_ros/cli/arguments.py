@@ -5,7 +5,6 @@ import argparse
 import contextlib
 import importlib
 import importlib.util
-import math
 import os
 import re
 import signal
@@ -17,6 +16,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.run.number_limits import LARGEST, is_size
 from rosette_ros.core.run.number_words import ANGLES
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.io.text_file import path_of, refuse_read
@@ -45,8 +45,13 @@ def whole(low: int | None, high: int) -> Callable[[str], int]:
 
 
 def positive(unit: str) -> Callable[[str], float]:
-    """Return a reader of positive finite numbers in a unit."""
-    return _reader(float, lambda value: 0 < value < math.inf, f'a positive number ({unit})')
+    """Return a reader of positive numbers in a unit, as large as they can be."""
+    return _reader(float, is_size, f'a positive number ({unit})')
+
+
+def number(unit: str, most: float = LARGEST) -> Callable[[str], float]:
+    """Return a reader of numbers in a unit, as large as they can be."""
+    return _reader(float, lambda value: abs(value) <= most, f'a number ({unit}) from -{most:g} to {most:g}')
 
 
 def until(text: str) -> float:
@@ -160,7 +165,7 @@ def add_places(parser: argparse.ArgumentParser) -> None:
 
 def add_table_offset(parser: argparse.ArgumentParser) -> None:
     """Add --table-offset-deg."""
-    angle = _reader(float, lambda value: 0 < value < math.inf,
+    angle = _reader(float, is_size,
                     'an angle above 0 and below one step of the table, deg (for 0 leave the option out)')
     parser.add_argument('--table-offset-deg', metavar='DEG', type=angle, help='table angle of table position 1, below '
                         'one step of the table: half a step for a run at half pitches (default 0)')

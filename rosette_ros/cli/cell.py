@@ -31,6 +31,7 @@ from rosette_ros.cli.arguments import (
     add_shared,
     add_table_offset,
     made_folder,
+    number,
     positive,
     until,
     whole,
@@ -331,11 +332,11 @@ def check_cmm_arguments(parser: argparse.ArgumentParser) -> None:
                      'backwards, then ball 2.\nPlate and table are those of the sequencer, if one is running.')
     parser.add_argument('--balls', metavar='N', type=whole(3, 1000), help='balls on the plate')
     parser.add_argument('--radius-mm', metavar='R', type=positive('mm'), help='radius of the circle of ball centres')
-    parser.add_argument('--origin-mm', metavar=('X', 'Y', 'Z'), type=float, nargs=3,
+    parser.add_argument('--origin-mm', metavar=('X', 'Y', 'Z'), type=number('mm'), nargs=3,
                         help='where the centre of the plate roughly is, machine coordinates')
-    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3,
+    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=number('a direction'), nargs=3,
                         help='direction of the table axis, machine coordinates')
-    parser.add_argument('--azimuth-deg', metavar='A', type=float,
+    parser.add_argument('--azimuth-deg', metavar='A', type=number('deg', 360),
                         help='where ball 1 roughly is at table angle 0, counted about the axis (docs/real-cmm.md)')
     parser.add_argument('--repeats', metavar='K', type=whole(2, 1000), default=5,
                         help='readings of the repeatability (default 5)')

@@ -23,7 +23,7 @@ from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.calibration.settings import run_name
 from rosette_ros.cli import hidden_demo
-from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, load, made_folder, until, whole
+from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, load, made_folder, number, until, whole
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_verdict
 from rosette_ros.cli.hidden_demo import MACHINE, compare, shown, write_machine
 from rosette_ros.cli.report import print_result, verification_of
@@ -69,7 +69,7 @@ def demo_arguments(parser: ArgumentParser) -> None:
                         'different conditions and two more, and report how well they agree')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
                         help='draws machine and noise, and the order random (default 1)')
-    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, default=(0.0, 0.0, 1.0),
+    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=number('a direction'), nargs=3, default=(0.0, 0.0, 1.0),
                         help='direction of the table axis in the machine (default 0 0 1; 1 0 0: a table along x)')
     parser.add_argument('--dme', action='store_true', help='the machine is behind an I++ DME server and is measured '
                         'touch by touch, as a real CMM would be')

@@ -17,7 +17,7 @@ from rich.markup import escape
 from rosette_ros import command, program
 from rosette_ros.analysis import advise, advise_run, next_readings
 from rosette_ros.cli import arguments
-from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
+from rosette_ros.cli.arguments import UsageError, add_shared, number, positive, whole
 from rosette_ros.cli.console import console, doing, pairs, print_json, print_parts, warn
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.effects.library import effect
@@ -68,8 +68,8 @@ def plan_arguments(parser: ArgumentParser) -> None:
                         f'the ball included (default {Pace.touch:g})')
     parser.add_argument('--table-move-s', metavar='S', type=positive('s'), help='time of a move of the table (default: '
                         'at usual speeds)')
-    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, help='direction of the table axis in '
-                        'the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
+    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=number('a direction'), nargs=3,
+                        help='direction of the table axis in the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
     arguments.add_shared(parser, '--inputs', '--environment', '--angle-unit', '--format', '--force')

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import stated_budget
-from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, plots, positive, whole
+from rosette_ros.cli.arguments import UsageError, add_shared, number, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.verdict import Level, Verdict
@@ -23,7 +23,7 @@ from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo, monte_carlo
 from rosette_ros.core.uncertainty.error_summary import refuted
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
-from rosette_ros.io.controller_tables import OF_A_TURN, Axis, linuxcnc
+from rosette_ros.io.controller_tables import OF_A_TURN, TNC_UNIT, Axis, linuxcnc
 from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.text_file import refuse_output, write_text
@@ -37,10 +37,10 @@ from rosette_ros.words.verdict_words import verdict_text
 NOT_CONFIRMED = 1
 """Exit code; 0 where the correction did what it promised."""
 FEWEST_TRIALS, MOST_TRIALS = 100, 1_000_000
-STEPS = {'csv': 5.0, 'linuxcnc': 2.0, **dict.fromkeys(OF_A_TURN, 5.0)}
+STEPS = {'csv': 5.0, 'linuxcnc': 2.0, **dict.fromkeys(OF_A_TURN, 5.0), 'heidenhain': 2**15 * TNC_UNIT}
 """Default distance of the lines of a table, deg."""
-MOST_LINES = 100_000
-"""Lines of a table; controllers read fewer."""
+MOST_LINES, MOST_RANGE = 100_000, 36_000
+"""Lines of a table, and its farthest angle, deg; controllers read fewer."""
 
 
 def correct_arguments(parser: ArgumentParser) -> None:
@@ -58,16 +58,17 @@ def correct_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--curves', metavar='LIST', help='which errors are taken off, such as crz,ctz (default: all '
                         'six; for a controller crz, since it turns the table only)')
     parser.add_argument('--step', metavar='DEG', type=positive('deg'),
-                        help='distance of the lines of a table (default 5; 2 for linuxcnc)')
-    parser.add_argument('--range', metavar=('MIN', 'MAX'), nargs=2, type=float,
+                        help='distance of the lines of a table (default 5; 2 for linuxcnc, 3.2768 for heidenhain)')
+    parser.add_argument('--range', metavar=('MIN', 'MAX'), nargs=2, type=number('deg', MOST_RANGE),
                         help='angles of the table, deg; for linuxcnc MIN_LIMIT and MAX_LIMIT of the axis '
                              '(default 0 360)')
     parser.add_argument('--axis', metavar='NAME', help="the controller's axis (default C); C': of ISO 841, a table "
                         'that carries the workpiece, which counts clockwise')
     parser.add_argument('--sign', choices=('1', '-1'), help='sense in which the axis counts: 1 counter-clockwise seen '
                         "from above (default; with C' -1)")
-    parser.add_argument('--zero', metavar='DEG', type=float, help='where the axis is at table angle 0 (default 0)')
-    parser.add_argument('--invert', action='store_true', default=None, help='of heidenhain and fanuc: the controller '
+    parser.add_argument('--zero', metavar='DEG', type=number('deg', 360),
+                        help='where the axis is at table angle 0 (default 0)')
+    parser.add_argument('--invert', action='store_true', default=None, help='of sinumerik-cec, heidenhain and fanuc: the controller '
                         'takes the values the other way, which a trial at one position shows')
     parser.add_argument('--detection-unit', metavar='DEG', type=positive('deg'), help='of fanuc (default 0.0001)')
     add_shared(parser, '--force')
@@ -82,7 +83,7 @@ def run_correct(options: Namespace) -> None:
     if [one for one in corrected if one not in CURVES]:
         raise UsageError(f'--curves: wanted some of {",".join(CURVES)}, got {options.curves!r}')
     for name, targets in (('step', [*STEPS]), ('range', ['csv', 'linuxcnc']), ('detection_unit', ['fanuc']),
-                          ('invert', ['heidenhain', 'fanuc']),
+                          ('invert', ['sinumerik-cec', 'heidenhain', 'fanuc']),
                           *((one, [*STEPS][1:]) for one in ('axis', 'sign', 'zero'))):
         if getattr(options, name) is not None and options.target not in targets:
             raise UsageError(f'correct: --{name.replace("_", "-")} goes with --for {", ".join(targets)} only; leave '

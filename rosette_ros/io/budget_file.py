@@ -8,9 +8,10 @@ import yaml
 
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.run.errors import InvalidData, unknown
+from rosette_ros.core.run.number_limits import is_number
 from rosette_ros.core.uncertainty.budget_inputs import BOUNDS, ENVIRONMENT, SECTIONS, BudgetInputs, Entry
 from rosette_ros.core.uncertainty.stated_environment import CLASSES, KINDS, Environment, Size
-from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
+from rosette_ros.io.safe_yaml import known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-budget/1'
 EFFECTS_OF = 'effects'
@@ -122,7 +123,7 @@ def _size(given: object, unit: str, where: str) -> Size:
 
 
 def _number(value: object, entry: Entry, where: str) -> float:
-    if not is_finite(value) or (value < 0 and not entry.signed):
+    if not is_number(value) or (value < 0 and not entry.signed):
         raise InvalidData(f'{where}: wanted a {"" if entry.signed else "positive "}number, got {value!r:.40}')
     if entry.chosen and value not in entry.chosen:
         raise InvalidData(f'{where}: wanted one of {", ".join(map(str, entry.chosen))}, got {value!r:.40}')

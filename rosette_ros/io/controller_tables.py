@@ -23,6 +23,8 @@ SINUMERIK_POINTS = 200
 """Interpolation points of a table of 808D and 828D; 840D: MD38000, MD18342."""
 HEIDENHAIN_POINTS, HEIDENHAIN_SLOPE = 256, 1 / 64
 """Entries of a .COM table, and the most that two in a row differ by, of their distance."""
+TNC_UNIT = 1e-4
+"""The distance of the entries of a .COM table is this times a power of two, deg, for TNC controls."""
 FANUC_POINTS, FANUC_STEP, FANUC_TIMES = 128, 7, 100
 """Points of an axis, and the largest value of one, in detection units times the magnification, which is 100 at most."""
 
@@ -30,8 +32,8 @@ FANUC_POINTS, FANUC_STEP, FANUC_TIMES = 128, 7, 100
 @dataclass(frozen=True)
 class Axis:
     """The axis of a controller that turns the table: its name, its sense (-1: clockwise, as C' of ISO 841) and where it
-    is at table angle 0, deg; unit: of detection, deg; count: -1 where the controller takes the values of `heidenhain`
-    and `fanuc` the other way."""
+    is at table angle 0, deg; unit: of detection, deg; count: -1 where the controller takes the values of `heidenhain`,
+    `fanuc` and `sinumerik_cec` the other way."""
 
     name: str = 'C'
     sign: int = 1
@@ -79,8 +81,9 @@ def sinumerik_enc(correction: Correction, step: float, axis: Axis) -> tuple[str,
     lines = [f'$AA_ENC_COMP[0,{place},{name}]={value:.7f}' for place, value in enumerate(values)]
     lines += [f'$AA_ENC_COMP_{key}[0,{name}]={value}' for key, value in (
         ('STEP', f'{step:g}'), ('MIN', '0.0'), ('MAX', '360.0'), ('IS_MODULO', '1'))]
-    return _archive('AX_EEC', lines), [*notes, f'MD38000 $MA_MM_ENC_COMP_MAX_POINTS of {name}: {angle.size} or more; '
-                                       'MD32700 $MA_ENC_COMP_ENABLE[0] = 1 makes it active.']
+    return _archive('AX_EEC', lines), [*notes, f'MD38000 $MA_MM_ENC_COMP_MAX_POINTS of {name}: {angle.size} or more. '
+                                       'MD32700 $MA_ENC_COMP_ENABLE[0]: 0 before the file is loaded, 1 makes it '
+                                       'active.']
 
 
 def sinumerik_cec(correction: Correction, step: float, axis: Axis) -> tuple[str, list[str]]:
@@ -90,20 +93,23 @@ def sinumerik_cec(correction: Correction, step: float, axis: Axis) -> tuple[str,
     zero = axis.deviation(correction, np.zeros(1), 1)
     lines = []
     for table, sense in enumerate((1, -1) if both else (0,)):
-        values = axis.deviation(correction, angle, sense or 1) - zero
+        values = axis.count * (axis.deviation(correction, angle, sense or 1) - zero)
         lines += [f'$AN_CEC[{table},{place}]={value + 0.0:.7f}' for place, value in enumerate(values)]
         lines += [f'$AN_CEC_{key}[{table}]={value}' for key, value in (
             ('INPUT_AXIS', f'({axis.name})'), ('OUTPUT_AXIS', f'({axis.name})'), ('STEP', f'{step:g}'), ('MIN', '0.0'),
             ('MAX', '360.0'), ('DIRECTION', sense), ('MULT_BY_TABLE', 0), ('IS_MODULO', 1))]
-    return _archive('NC_CEC', lines), [f'MD18342 $MN_MM_CEC_MAX_POINTS of each table: {angle.size} or more; '
-                                       'SD41300 $SN_CEC_TABLE_ENABLE and MD32710 $MA_CEC_ENABLE make it active.']
+    return _archive('NC_CEC', lines), [f'MD18342 $MN_MM_CEC_MAX_POINTS of each table: {angle.size} or more. '
+                                       'SD41300 $SN_CEC_TABLE_ENABLE and MD32710 $MA_CEC_ENABLE: 0 before the file is '
+                                       'loaded, 1 makes it active.',
+                                       _trial(axis, angle, axis.deviation(correction, angle, 1) - zero)]
 
 
 def heidenhain(correction: Correction, step: float, axis: Axis) -> tuple[str, list[str]]:
     """Return a .COM table: at AXISPOS the error of the axis, positive where it goes too far; BACKLASH: backwards.
 
-    The control takes entries of 0 to 360 deg, and begins with 0 at the datum. Source: HEIDENHAIN, Technical Manual
-    TNC 407/415/425, 4-26 (error: positive where the travel is too long) and 4-28 (example: a column of errors)."""
+    The control takes entries of 0 to 360 deg, and begins with 0 at the datum. TNC controls want them 2^n/10^4 deg
+    apart: the last one is then beyond a turn, and has the value of its angle less 360. Source: HEIDENHAIN, Technical
+    Manual TNC 407/415/425, 4-26 (error: positive where the travel is too long; power of two) and 4-28 (example)."""
     angle = _turn(correction, step, HEIDENHAIN_POINTS, 'HEIDENHAIN', axis)
     zero = axis.deviation(correction, np.zeros(1), 1)
     forward, backward = (axis.deviation(correction, angle, sense) - zero + 0.0 for sense in (1, -1))
@@ -116,7 +122,11 @@ def heidenhain(correction: Correction, step: float, axis: Axis) -> tuple[str, li
     rows = [f'{place:<6}{at:<+12.4f}{axis.count * back + 0.0:<+14.7f}{axis.count * value + 0.0:+.7f}'
             for place, (at, back, value) in enumerate(zip(angle, backward, forward))]
     head = f'{"NR":<6}{"AXISPOS":<12}{"BACKLASH":<14}{axis.name}'
+    said = [] if _is_binary(step) else [
+        f'TNC controls want a distance of 2^n/10^4 deg between the entries; {step:g} is none, --step '
+        f'{TNC_UNIT * 2 ** math.floor(math.log2(step / TNC_UNIT)):g} is one.']
     return '\n'.join((f'BEGIN {name} MM', head, *rows, '[END]', '')), [
+        *said,
         f'Enter {name} in the column {axis.name} of the active line of the .CMA table.', _trial(axis, angle, forward)]
 
 
@@ -156,10 +166,10 @@ def _archive(name: str, lines: list[str]) -> str:
 
 
 def _turn(correction: Correction, step: float, most: int, maker: str, axis: Axis) -> Floats:
-    """Return the angles of the axis, 0 to 360 deg; raises InvalidConfig where they are too many or too far apart."""
+    """Return the angles of the axis, 0 to 360 deg or just beyond; raises InvalidConfig where they cannot be."""
     size, widest = _size_and_widest(correction)
-    steps = round(360 / step)
-    if abs(steps * step - 360) > 1e-9:
+    steps = math.ceil(360 / step - 1e-9)
+    if abs(steps * step - 360) > 1e-9 and not (maker == 'HEIDENHAIN' and _is_binary(step)):
         raise InvalidConfig(f'correct: wanted a --step that divides a turn, got {step:g} deg')
     if steps + 1 > most:
         raise InvalidConfig(f'correct: wanted at most {most} points, which a table of {maker} holds, got {steps + 1}; '
@@ -167,6 +177,11 @@ def _turn(correction: Correction, step: float, most: int, maker: str, axis: Axis
     angle: Floats = step * np.arange(steps + 1.0)
     _check_lost(correction, angle, step, size, widest, axis)
     return angle
+
+
+def _is_binary(step: float) -> bool:
+    """Return whether a distance is a power of two of the unit of TNC controls."""
+    return abs(math.frexp(round(step / TNC_UNIT, 6))[0] - 0.5) < 1e-12
 
 
 def _both_senses(correction: Correction, angle: Floats, axis: Axis, backlash: str) -> tuple[Floats, Floats, list[str]]:
@@ -181,7 +196,7 @@ def _both_senses(correction: Correction, angle: Floats, axis: Axis, backlash: st
 
 def _trial(axis: Axis, angle: Floats, values: Floats) -> str:
     """Return how the sign of a table is tried at the angle of its largest value, in words."""
-    at = int(np.abs(values).argmax())
+    at = int(np.abs(values[:-1]).argmax())
     off = 3600 * values[at]
     return (f'Try the sign first, the manuals do not state it for every version: from {axis.name} = 0 to {angle[at]:g} '
             f'deg the table turns {abs(off):.2f} arcsec too {"far" if off > 0 else "little"}; with the file active it '

@@ -9,10 +9,11 @@ import numpy as np
 import yaml
 
 from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.number_limits import is_number
 from rosette_ros.core.run.records import CURVES, SI_UNITS, ErrorMotions, Floats
 from rosette_ros.core.table.correction import Correction
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
-from rosette_ros.io.safe_yaml import PlainDumper, is_finite, known_keys, of_schema, read_yaml
+from rosette_ros.io.safe_yaml import PlainDumper, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-correction/1'
 MOST_BYTES, MOST_ANGLES = 4 << 20, 4000
@@ -65,7 +66,7 @@ def _motions(values: object, where: str) -> ErrorMotions:
     columns = []
     for name in _NAMES:
         one = values[name]
-        if not isinstance(one, list) or len(one) > MOST_ANGLES or not all(map(is_finite, one)):
+        if not isinstance(one, list) or len(one) > MOST_ANGLES or not all(map(is_number, one)):
             raise InvalidData(f'{where}: {name}: wanted a list of at most {MOST_ANGLES} finite numbers, got '
                               f'{one!r:.80}')
         columns.append(one)

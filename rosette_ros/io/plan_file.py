@@ -13,9 +13,10 @@ import numpy as np
 from rosette_ros.core.model.base_entries import refuse_undetermined
 from rosette_ros.core.run.errors import InvalidPlan
 from rosette_ros.core.run.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
+from rosette_ros.core.run.number_limits import is_number
 from rosette_ros.core.run.scheme import Scheme, order_name, places_in_use, plan
 from rosette_ros.core.run.touches import TOUCHES
-from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, parse_yaml
+from rosette_ros.io.safe_yaml import known_keys, of_schema, parse_yaml
 from rosette_ros.io.table_heading import meant
 from rosette_ros.io.text_file import read_limited
 
@@ -159,7 +160,7 @@ def _checked_touches(touches: Ints, source: str) -> Ints:
 def _number(value: Any, source: str, name: str) -> float:
     if value is None:
         raise InvalidPlan(f'{source}: {name}: wanted a number, but it is missing')
-    if not is_finite(value):
+    if not is_number(value):
         raise InvalidPlan(f'{source}: {name}: wanted a finite number, got {value!r:.40}')
     return float(value)
 

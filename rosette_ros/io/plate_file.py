@@ -9,7 +9,8 @@ import yaml
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Floats
-from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, parse_yaml
+from rosette_ros.core.run.number_limits import is_number
+from rosette_ros.io.safe_yaml import known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-plate/1'
@@ -70,6 +71,6 @@ def _numbers(value: object, count: int, where: str) -> Floats:
     if len(every) != count:
         raise InvalidData(f'{where}: wanted a number, or one for each of {count} balls, got {len(every)}')
     for number, one in enumerate(every, 1):
-        if not is_finite(one):
+        if not is_number(one):
             raise InvalidData(f'{where}: ball {number}: wanted a finite number, got {one!r:.40}')
     return np.array(every, dtype=float)

@@ -8,10 +8,9 @@ A few hundred bytes of aliases within aliases stand for more than fits into a me
 thousand levels ends the whole process in the loader: both are refused before anything is built."""
 
 import re
-import sys
 from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import yaml
 
@@ -91,11 +90,6 @@ def known_keys(names: Iterable[object], known: Collection[str], where: str, kind
     for name in names:
         if name not in known:
             raise kind(f'{where}: {unknown(plain(str(name), 40), known)}')
-
-
-def is_finite(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite number, which true and false are not, nor is a whole one beyond all floats."""
-    return isinstance(value, (int, float)) and type(value) is not bool and abs(value) <= sys.float_info.max
 
 
 def parse_mapping(text: str, source: str, most: int, example: str, kind: type[RosetteError]) -> dict[Any, Any]:

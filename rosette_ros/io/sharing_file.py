@@ -8,7 +8,8 @@ import numpy as np
 
 from rosette_ros.core.joint.sharing import PARTS, SEATS, apart
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
+from rosette_ros.core.run.number_limits import is_number
+from rosette_ros.io.safe_yaml import known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-sharing/1'
 MOST_BYTES = 65536
@@ -48,6 +49,6 @@ def _names(value: object, runs: int, where: str) -> tuple[str, ...]:
 
 
 def _angles(value: object, runs: int, where: str) -> list[float]:
-    if isinstance(value, list) and len(value) == runs and all(map(is_finite, value)):
+    if isinstance(value, list) and len(value) == runs and all(map(is_number, value)):
         return value
     raise InvalidData(f'{where}: wanted an angle in degrees for each of {runs} runs, the first 0, got {value!r:.80}')

@@ -12,6 +12,7 @@ import numpy as np
 from rosette_ros.core.run.axes import rotation_of, unit_axis
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Floats, Ints
+from rosette_ros.core.run.number_limits import is_size
 
 SCHEMA = 'rosette-ball-centres/1'
 LENGTHS = {'mm': 1.0, 'cm': 10.0, 'm': 1e3, 'um': 1e-3, 'inch': 25.4}
@@ -130,7 +131,7 @@ class Heading:
 
 
 def positive_number(text: str) -> Decimal:
-    if not _is_number(text) or not 0 < float(text) < np.inf:
+    if not _is_number(text) or not is_size(float(text)):
         raise ValueError
     return Decimal(text)
 

@@ -47,7 +47,7 @@ def of_heidenhain(text, _):
     assert (head, names.split(), end) == ('BEGIN C1.COM MM', ['NR', 'AXISPOS', 'BACKLASH', 'C1'], '[END]')
     number, at, back, value = np.array([row.split() for row in rows], dtype=float).T
     assert number.tolist() == list(range(len(rows))) and len(rows) <= 256
-    assert at[0] == 0 and at[-1] == 360 and value[0] == 0
+    assert at[0] == 0 and 360 <= at[-1] < 360 + at[1] and value[0] == 0
     assert np.abs(np.diff(value)).max() <= (at[1] - at[0]) / 64
     return lambda angle, sense: -np.interp(angle % 360, at, value if sense > 0 else back)
 
@@ -128,12 +128,12 @@ def test_each_sense_has_its_values_or_the_reversal_goes_elsewhere():
 
 
 @pytest.mark.parametrize('sign', [1, -1])
-@pytest.mark.parametrize('target', ['heidenhain', 'fanuc'])
+@pytest.mark.parametrize('target', ['sinumerik-cec', 'heidenhain', 'fanuc'])
 def test_how_to_try_the_sign_is_said_and_the_values_can_be_inverted(target, sign):
     """Where the table turns too far, and by how much; inverted, all values have the other sign and nothing else."""
     one = Correction(*[motions(0)] * 2, ('crz',))
     (text, told), (other, _) = (OF_A_TURN[target](one, 5.0, Axis('C', sign, count=count)) for count in (1, -1))
-    plain, inverted = (READERS[target](some, ' '.join(told)) if target == 'fanuc' else of_heidenhain(
+    plain, inverted = (READERS[target](some.replace('(C)', '(C1)'), ' '.join(told)) if target != 'heidenhain' else of_heidenhain(
         some.replace('C.COM', 'C1.COM').replace('BACKLASH      C', 'BACKLASH      C1'), '') for some in (text, other))
     at = np.arange(0.0, 360.0, 5.0)
     assert np.allclose(plain(at, 1), -inverted(at, 1), atol=1e-12) and np.ptp(plain(at, 1)) > 0.01
@@ -143,10 +143,17 @@ def test_how_to_try_the_sign_is_said_and_the_values_can_be_inverted(target, sign
 
 
 @pytest.mark.parametrize(('words', 'error'), [
-    (['--for', 'sinumerik-cec', '--invert'], 'correct: --invert goes with --for heidenhain, fanuc only; leave it out'),
+    (['--for', 'sinumerik-enc', '--invert'],
+     'correct: --invert goes with --for sinumerik-cec, heidenhain, fanuc only; leave it out'),
     (['--for', 'sinumerik-enc', '--step', '1'], 'wanted at most 200 points, which a table of SINUMERIK holds, got 361'),
     (['--for', 'fanuc', '--step', '2'], 'wanted at most 128 points, which a table of FANUC holds, got 181; take a '),
     (['--for', 'heidenhain', '--step', '7'], 'wanted a --step that divides a turn, got 7 deg'),
+    (['--for', 'heidenhain', '--step', '3.2767'], 'wanted a --step that divides a turn, got 3.2767 deg'),
+    (['--for', 'sinumerik-cec', '--step', '3.2768'], 'wanted a --step that divides a turn, got 3.2768 deg'),
+    *[(['--for', target, '--zero', zero], f"--zero: wanted a number (deg) from -360 to 360, got '{zero}'")
+      for target in OF_A_TURN for zero in ('nan', 'inf', '1e300')],
+    (['--for', 'linuxcnc', '--range', '0', 'nan'], "--range: wanted a number (deg) from -36000 to 36000, got 'nan'"),
+    (['--for', 'fanuc', '--detection-unit', '1e300'], "wanted a positive number (deg), got '1e300'"),
     (['--for', 'fanuc', '--step', '60'], 'straight lines lose at most 10% of crz, got --step 60'),
     (['--for', 'fanuc', '--range', '0', '90'], 'correct: --range goes with --for csv, linuxcnc only; leave it out'),
     (['--for', 'csv', '--sign', '-1'], 'correct: --sign goes with --for linuxcnc, sinumerik-enc, '),
@@ -156,6 +163,25 @@ def test_how_to_try_the_sign_is_said_and_the_values_can_be_inverted(target, sign
 def test_what_a_controller_would_not_take_is_refused(refused, tmp_path, before, words, error):
     """In words, with what would do."""
     assert error in refused('correct', before, '-o', tmp_path / 'c', *words)
+
+
+def test_a_table_of_tnc_controls_has_a_power_of_two_between_its_entries():
+    """2^15/10^4 deg by default, the entry beyond a turn as that of the next turn; other distances are told."""
+    text, told = heidenhain(Correction(*[motions(0)] * 2, ('crz',)), 3.2768, Axis('C1'))
+    at, value = np.array([row.split() for row in text.split('\n')[2:-2]], dtype=float).T[[1, 3]]
+    assert np.allclose(np.diff(at), 3.2768, atol=1e-4) and at[-1] == pytest.approx(360.448)
+    assert value[-1] == pytest.approx(np.rad2deg(1e-4 * np.sin(np.deg2rad(0.448))), abs=1e-7)
+    assert not any('2^n' in words for words in told)
+    assert heidenhain(Correction(*[motions(0)] * 2, ('crz',)), 5.0, Axis('C1'))[1][0] == (
+        'TNC controls want a distance of 2^n/10^4 deg between the entries; 5 is none, --step 3.2768 is one.')
+
+
+def test_sinumerik_is_told_to_switch_off_before_a_file_is_loaded():
+    """A compensation that is active does not take new values."""
+    one = Correction(*[motions(0)] * 2, ('crz',))
+    for target, words in (('sinumerik-enc', 'MD32700'), ('sinumerik-cec', 'SD41300 .* and MD32710')):
+        assert re.search(f'{words} .*: 0 before the file is loaded, 1 makes it active',
+                         ' '.join(OF_A_TURN[target](one, 5.0, Axis())[1]))
 
 
 def test_slopes_and_steps_beyond_a_format_are_refused():

@@ -18,13 +18,13 @@ import numpy as np
 from rosette_ros.core.effects.run_functions import BodyMotion, beside, between_readings, seconds
 from rosette_ros.core.run.axes import UPRIGHT, tilt
 from rosette_ros.core.run.errors import InvalidModel
+from rosette_ros.core.run.number_limits import is_number, is_size
 from rosette_ros.core.run.records import Floats, Ints, Run
 
 UNRECORDED = {
     'table_travel': 'readings are missing, and the run does not record how far the table turned meanwhile',
     'cmm_sense': 'readings are missing, and the run does not record from which side the CMM came to the others'}
 """Why an effect of what a run does not record cannot be judged."""
-LARGEST = float(np.finfo(float).max)
 LEAST_KNOWN = 0.5
 """Share of readings with a temperature below which nothing is judged by it."""
 Bracket = tuple[float, float] | Floats
@@ -54,8 +54,7 @@ class Searched(Quantity):
         """Return what is wanted in place of a value, or an empty string where the value can be."""
         if self.kind == 'choice':
             return '' if isinstance(value, (int, float, str)) and not isinstance(value, bool) else 'a number or a word'
-        if (isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= LARGEST
-                and (self.kind != 'scale' or value > 0)):
+        if is_size(value) if self.kind == 'scale' else is_number(value):
             return ''
         return f'a {"positive " if self.kind == "scale" else ""}number ({self.unit})'
 

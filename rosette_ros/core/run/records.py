@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from rosette_ros.core.run.axes import iso_names
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Bools, Floats, Ints, nominal_angles, rotate_z, turned_frame, wrap
+from rosette_ros.core.run.number_limits import is_size
 from rosette_ros.core.run.remarks import Remark
 from rosette_ros.core.run.scheme import Way, cmm_position, unknown_sense, unwrap_travel
 
@@ -265,10 +266,10 @@ def _check_run(run: Run) -> None:
             raise InvalidData(f'{where}: reading {bad[0] + 1}: {name}: wanted finite numbers, got {values[bad[0]]}')
     if not np.isfinite(run.table_offset):
         raise InvalidData(f'{where}: table_offset: wanted a finite angle, got {run.table_offset}')
-    if run.repeatability is not None and not (np.isfinite(run.repeatability) and run.repeatability > 0):
+    if run.repeatability is not None and not is_size(run.repeatability):
         raise InvalidData(f'{where}: repeatability: wanted a positive number of metres, got {run.repeatability}')
     by_axis = run.repeatability_axes
-    if by_axis is not None and not (len(by_axis) == 3 and np.all(np.isfinite(by_axis)) and min(by_axis) > 0):
+    if by_axis is not None and not (len(by_axis) == 3 and all(map(is_size, by_axis))):
         raise InvalidData(f'{where}: repeatability_axes: wanted 3 positive numbers of metres, got {by_axis}')
     _check_duplicates(run)
     _check_angles(run)
