@@ -69,7 +69,8 @@ def plan_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--table-move-s', metavar='S', type=positive('s'), help='time of a move of the table (default: '
                         'at usual speeds)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=number('a direction'), nargs=3,
-                        help='direction of the table axis in the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
+                        help='direction of the table axis in the machine, for what the plan shows of gravity and of '
+                        'the axes of the CMM (default 0 0 1)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
     arguments.add_shared(parser, '--inputs', '--environment', '--angle-unit', '--format', '--force')

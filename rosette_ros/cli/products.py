@@ -68,8 +68,8 @@ def correct_arguments(parser: ArgumentParser) -> None:
                         "from above (default; with C' -1)")
     parser.add_argument('--zero', metavar='DEG', type=number('deg', 360),
                         help='where the axis is at table angle 0 (default 0)')
-    parser.add_argument('--invert', action='store_true', default=None, help='of sinumerik-cec, heidenhain and fanuc: the controller '
-                        'takes the values the other way, which a trial at one position shows')
+    parser.add_argument('--invert', action='store_true', default=None, help='of sinumerik-cec, heidenhain and '
+                        'fanuc: the controller takes the values the other way, which a trial at one position shows')
     parser.add_argument('--detection-unit', metavar='DEG', type=positive('deg'), help='of fanuc (default 0.0001)')
     add_shared(parser, '--force')
 

@@ -22,8 +22,11 @@ ALIASES = {'table': 'table_position', 'angle': 'table_angle'}
 ALIASED = {name: short for short, name in ALIASES.items()}
 SOURCES = ('name', 'axis', 'value', 'pattern')
 """What a map may name beside the columns of the table and keys of its heading."""
-NUMBERS = {'ball': r'\d+', 'table': r'\d+', 'angle': r'[+-]?\d+(?:[.,]\d+)?', 'axis': '[A-Za-z]+'}
+NUMBERS = {'ball': r'[0-9]{1,9}', 'table': r'[0-9]{1,9}', 'angle': r'[+-]?[0-9]{1,9}(?:[.,][0-9]{1,18})?',
+           'axis': '[A-Za-z]{1,20}'}
 """What stands in braces in a pattern, and how it is written."""
+LONGEST = 1000
+"""Characters of a name that are looked at: of a feature, of a column."""
 _AXES = ('x', 'y', 'z')
 _CALLED = {
     'table': 'table|table position|table pos|tisch|tischposition|tischstellung|position|pos',
@@ -88,7 +91,7 @@ class ColumnMap:
         for line, cells in rows:
             texts = {key: cells[at].strip() for key, at in places.items() if at < len(cells)}
             last = name = texts.pop('name', '') or last
-            if (fits := pattern.fullmatch(name)) is None:
+            if (fits := pattern.fullmatch(name) if len(name) <= LONGEST else None) is None:
                 other += 1
                 continue
             texts |= fits.groupdict()
@@ -114,11 +117,15 @@ class ColumnMap:
 
 
 def _compiled(pattern: str) -> re.Pattern[str]:
-    """Return the regular expression of a pattern, whose numbers may have zeros in front and * is any text."""
-    parts = re.split(r'({\w+}|\*)', pattern or '*')
-    known = ('' if not part else '.*' if part == '*' else f'(?P<{part[1:-1]}>{NUMBERS[part[1:-1]]})'
-             if part[:1] == '{' and part[1:-1] in NUMBERS else re.escape(part) for part in parts)
-    return re.compile(''.join(known), re.IGNORECASE | re.DOTALL)
+    """Return the regular expression of a pattern, whose numbers may have zeros in front and * is any text.
+
+    What stands between two * is taken where it comes first, and never tried elsewhere again: a search that goes back
+    would take longer than anybody waits for some names, and finds no other match."""
+    first, *others = [''.join(
+        f'(?P<{part[1:-1]}>{NUMBERS[part[1:-1]]})' if at % 2 and part[1:-1] in NUMBERS else re.escape(part)
+        for at, part in enumerate(re.split(r'({\w+})', between))) for between in (pattern or '*').split('*')]
+    between = ''.join(f'(?>.*?{one})' for one in others[:-1])
+    return re.compile(f'{first}{between}{"".join(f".*?{last}" for last in others[-1:])}', re.IGNORECASE | re.DOTALL)
 
 
 def column_map(given: str | dict[str, str], columns: Iterable[str], heading: Iterable[str]) -> ColumnMap:
@@ -142,11 +149,16 @@ def column_map(given: str | dict[str, str], columns: Iterable[str], heading: Ite
     for key in entries:
         if key not in known and key.rpartition('_')[0] not in (*_AXES, 'time', 'radius'):
             raise InvalidData(f'{source}: {unknown(key, sorted(known))}')
-    if wrong := [one for one in re.findall(r'{(.*?)}', entries.get('pattern', '')) if one not in NUMBERS]:
+    if len(pattern := entries.get('pattern', '')) > LONGEST:
+        raise InvalidData(f'{source}: pattern: wanted at most {LONGEST} characters, got {len(pattern)}')
+    inside = re.findall(r'{([^{}]*)}', pattern)
+    if wrong := [one for one in inside if one not in NUMBERS]:
         raise InvalidData(f'{source}: pattern: {unknown(wrong[0], sorted(NUMBERS))}')
+    if twice := [one for one in NUMBERS if inside.count(one) > 1]:
+        raise InvalidData(f'{source}: pattern: wanted {{{twice[0]}}} once, got {pattern!r:.80}')
     stated = {key: value for key, value in entries.items() if key in heading or key.startswith('radius_')}
     return ColumnMap({key: value for key, value in entries.items() if key not in stated and key != 'pattern'},
-                     entries.get('pattern', ''), stated)
+                     pattern, stated)
 
 
 def format_columns(columns: ColumnMap) -> str:
@@ -159,7 +171,7 @@ def proposed(names: Sequence[str], rows: Cells, stated: Iterable[str], known: Ma
     """Return what the columns of a table seem to be, from their names and the first name of a feature.
 
     stated: keys that its heading has; known: name of the column by quantity, where its format says it."""
-    plain = {re.sub(r'[\W_]+', ' ', re.sub(r'[\[(].*?[\])]', '', name)).strip().casefold(): name
+    plain = {re.sub(r'[\W_]+', ' ', re.sub(r'[\[(].*?[\])]', '', name[:LONGEST])).strip().casefold(): name
              for name in reversed(names)}
     found = dict(known) or {
         key: plain[word] for key, words in _CALLED.items() for word in words.split('|') if word in plain}
@@ -175,7 +187,7 @@ def proposed(names: Sequence[str], rows: Cells, stated: Iterable[str], known: Ma
         found.pop('name', None)
     elif 'name' in found and rows:
         at, has_axis = names.index(found['name']), 'value' in found and 'axis' not in found
-        tried = [_pattern(cells[at].strip(), wanted, has_axis) for _, cells in rows[:1000] if len(cells) > at]
+        tried = [_pattern(cells[at].strip()[:LONGEST], wanted, has_axis) for _, cells in rows[:1000] if len(cells) > at]
         pattern = next((one for one in tried if ColumnMap(found, one).is_enough), tried[0])
     made = ColumnMap(found, pattern)
     heading = dict[str, str]()
@@ -204,7 +216,7 @@ def _circle(found: Sequence[tuple[int, Mapping[str, str]]]) -> dict[str, str]:
             ',', '.')) for axis in _AXES] for _, texts in found])
     except (ValueError, StopIteration):
         return {}
-    if not points.size or not np.abs(points).max() < 1e9:
+    if not points.size or not np.abs(points).max() < 1e9 or not np.ptp(points, axis=0).any():
         return {}
     middle = points.mean(axis=0)
     radius = float(np.median(np.linalg.norm(points - middle, axis=1)))

@@ -5,7 +5,6 @@ Lines above the names of the columns, the separator and the decimal sign are fou
 as rosette writes it is a note in words."""
 
 import contextlib
-import csv
 import re
 import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -17,6 +16,7 @@ from rosette_ros.core.run.errors import InvalidData, counted, plain
 from rosette_ros.core.run.geometry import Floats, Ints
 from rosette_ros.core.run.records import Bools, resolution_of
 from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, proposed
+from rosette_ros.io.csv_cells import cells_of
 from rosette_ros.io.foreign.foreign_table import ForeignTable
 from rosette_ros.io.foreign.formats import read_foreign
 from rosette_ros.io.table_heading import (
@@ -55,8 +55,8 @@ SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _SEP = re.compile(r'"?sep=([,;|:\t])"?[,;\s]*')
 _CLOCK = re.compile(r'\d[.\s-]*[^\W\d_]{3}|\d:\d|\d[-/.]\d+[-/.]\d')
 _OTHER_DECIMAL = str.maketrans('.,', ',.')
-_HEADS = 1000
-"""The names of the columns stand in one of so many lines."""
+_HEADS, MOST_COLUMNS = 1000, 10_000
+"""The names of the columns stand in one of so many lines; so many there may be."""
 Row = tuple[int, str]
 """Line and text of a row."""
 _TEMPLATE = ('`rosette plan --balls 12 --radius-mm 182.5 --order diagonal --csv-template` prints an empty table for '
@@ -116,7 +116,10 @@ class _Sheet:
             '', ForeignTable(list(enumerate(re.split('\r\n|\r|\n', whole), 1)), {}))
         numbered, self.unit, self.known = foreign.lines, foreign.unit, foreign.columns
         numbers, lines = (list(one) for one in zip(*numbered))
-        given = _SEP.fullmatch(lines[0])
+        for line, text in zip(numbers, lines[:_HEADS]):
+            if (most := max(map(text.count, SEPARATORS))) >= MOST_COLUMNS:
+                raise wrong(source, line, '', f'at most {MOST_COLUMNS} columns', most + 1, 'save those that are needed')
+        given = _SEP.fullmatch(lines[0][:100])
         separators = given[1] if given else ''.join(SEPARATORS)
         seen = next(_heads(lines, separators, columns.names), None) if columns else None
         at, self.separator = seen or next(_heads(lines, separators), (None, ','))
@@ -184,11 +187,7 @@ class _Sheet:
 
     def cells(self, line: int, text: str) -> list[str]:
         """Return the cells of a line."""
-        try:
-            return (next(csv.reader([text], delimiter=self.separator, strict=True), []) if '"' in text
-                    else text.split(self.separator))
-        except csv.Error as error:
-            raise wrong(self.source, line, '', 'cells with closed quotes', error) from error
+        return cells_of(text, self.source, line, self.separator)
 
     def _fitted(self, line: int, text: str) -> str:
         """Return a row without the separators that a spreadsheet appends."""

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A measuring plan as a file, schema rosette-plan/1: an order as YAML, or its readings one by one as CSV."""
 
-import csv
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from rosette_ros.core.run.geometry import TWO_PI, Floats, Ints, nominal_angles, 
 from rosette_ros.core.run.number_limits import is_number
 from rosette_ros.core.run.scheme import Scheme, order_name, places_in_use, plan
 from rosette_ros.core.run.touches import TOUCHES
+from rosette_ros.io.csv_cells import cells_of
 from rosette_ros.io.safe_yaml import known_keys, of_schema, parse_yaml
 from rosette_ros.io.table_heading import meant
 from rosette_ros.io.text_file import read_limited
@@ -179,10 +179,11 @@ def _table(data: bytes, source: str) -> tuple[dict[str, int | float | str], dict
 
     Keys of other programs are skipped; raises InvalidPlan where one is given twice or misspelt: it would be ignored."""
     try:
-        lines = [line for line in data.decode('utf-8-sig').splitlines() if line.strip(' \t,;')]
+        lines = [(number, line) for number, line in enumerate(data.decode('utf-8-sig').splitlines(), 1)
+                 if line.strip(' \t,;')]
     except UnicodeDecodeError as error:
         raise InvalidPlan(f'{source}: wanted UTF-8 text, got byte {data[error.start]:#04x}') from None
-    notes = [line.strip('",; \t')[1:].partition(':') for line in lines if line.startswith(('#', '"#'))]
+    notes = [line.strip('",; \t')[1:].partition(':') for _, line in lines if line.startswith(('#', '"#'))]
     keys = dict[str, int | float | str]()
     for key, text in ((key.strip(), text.strip()) for key, separator, text in notes if separator):
         if key in keys:
@@ -191,7 +192,8 @@ def _table(data: bytes, source: str) -> tuple[dict[str, int | float | str], dict
             keys[key] = _value(text)
         elif near := meant(key, _HEAD):
             raise InvalidPlan(f'{source}: wanted the key {near}, got {key!r:.80}; correct it')
-    head, *rows = list(csv.reader(line for line in lines if not line.startswith(('#', '"#')))) or [[]]
+    head, *rows = [cells_of(line, source, number, kind=InvalidPlan) for number, line in lines
+                   if not line.startswith(('#', '"#'))] or [[]]
     head = [name.strip() for name in head]
     for number, row in enumerate(rows, 1):
         if len(row) != len(head):

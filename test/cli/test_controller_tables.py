@@ -133,8 +133,10 @@ def test_how_to_try_the_sign_is_said_and_the_values_can_be_inverted(target, sign
     """Where the table turns too far, and by how much; inverted, all values have the other sign and nothing else."""
     one = Correction(*[motions(0)] * 2, ('crz',))
     (text, told), (other, _) = (OF_A_TURN[target](one, 5.0, Axis('C', sign, count=count)) for count in (1, -1))
-    plain, inverted = (READERS[target](some.replace('(C)', '(C1)'), ' '.join(told)) if target != 'heidenhain' else of_heidenhain(
-        some.replace('C.COM', 'C1.COM').replace('BACKLASH      C', 'BACKLASH      C1'), '') for some in (text, other))
+    names = {'(C)': '(C1)', 'C.COM': 'C1.COM', 'BACKLASH      C': 'BACKLASH      C1'}
+    text, other = (re.sub('|'.join(map(re.escape, names)), lambda found: names[found[0]], some)
+                   for some in (text, other))
+    plain, inverted = (READERS[target](some, ' '.join(told)) for some in (text, other))
     at = np.arange(0.0, 360.0, 5.0)
     assert np.allclose(plain(at, 1), -inverted(at, 1), atol=1e-12) and np.ptp(plain(at, 1)) > 0.01
     said = re.search(r'Try the sign first, .* from C = 0 to (\d+) deg the table turns 20.63 arcsec too (\w+)', told[-1])

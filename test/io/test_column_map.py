@@ -2,6 +2,7 @@
 """Tables of other programs, written by hand after their documentation, are read by a map of their columns."""
 
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from rosette_ros.cli import data
 from rosette_ros.cli.main import main
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.ball_centre_table import parse_csv, read_csv
-from rosette_ros.io.column_map import format_columns
+from rosette_ros.io.column_map import ColumnMap, format_columns
 from rosette_ros.io.csv_parser import proposal_for, read_columns
 from rosette_ros.io.foreign.formats import READERS
 
@@ -167,3 +168,34 @@ def test_dates_are_seconds_since_the_first():
     mixed = rows(lambda cells: [*cells[:8], f'2026-11-27 08:00:00{"Z" * (int(cells[0]) % 2)}', *cells[9:]])
     with pytest.raises(InvalidData, match='it looks like a date or a time of day'):
         parse(mixed)
+
+
+def test_names_of_features_are_matched_in_one_go():
+    """A pattern of many * and numbers against names that nearly fit; each * ends where what follows comes first."""
+    text = 'Feature\tX\tY\tZ\n' + ''.join(f'{"1a" * 28}1{end}\t1\t2\t3\n' for end in ('a', 'b0', 'b1', 'c'))
+    started = time.process_time()
+    assert proposal_for(text.encode(), 'r.csv').pattern.count('*') == 27
+    with pytest.raises(InvalidData, match='wanted names such as'):
+        parse_csv(text.encode(), 'r.csv', read_columns(
+            f'x=X,y=Y,z=Z,name=Feature,pattern={"*a" * 25}{{ball}}x{{table}},radius_mm=100'))
+    assert time.process_time() - started < 5
+
+
+@pytest.mark.parametrize(('pattern', 'name', 'found'), [
+    ('*B{ball}*T{table}', 'xB12 A3 T4', {'ball': '12', 'table': '4'}), ('B{ball}01', 'B1201', {'ball': '12'}),
+    ('*{ball}*{table}', 'K1 B2', {'ball': '1', 'table': '2'}), ('{axis}value', 'Xvalue', {'axis': 'X'}),
+    ('B{ball} {angle}', 'b3 -12,5', {'ball': '3', 'angle': '-12,5'}), ('B{ball}', 'B1b', None), ('a*a', 'a', None)])
+def test_what_a_pattern_takes_of_a_name(pattern, name, found):
+    """Numbers as a whole, letters large or small, any text for *, and nothing beside."""
+    columns = ColumnMap({'name': 'N'}, pattern)
+    if found:
+        assert columns.readings(['N'], [(1, [name])], '') == ([(1, found)], 0)
+    else:
+        with pytest.raises(InvalidData, match='line 1: wanted names such as'):
+            columns.readings(['N'], [(1, [name])], '')
+
+
+def test_a_pattern_says_each_number_once():
+    """Before anything is read with it."""
+    with pytest.raises(InvalidData, match=r"--columns: pattern: wanted {ball} once, got '{ball}{ball}'"):
+        read_columns('x=X,y=Y,z=Z,name=N,pattern={ball}{ball}')

@@ -114,3 +114,12 @@ def test_what_cannot_be_measured_is_refused(text, words):
     with pytest.raises(InvalidPlan) as caught:
         parse_plan(text.encode(), 'mine.csv')
     assert str(caught.value).startswith('mine.csv: ') and words in str(caught.value) and '\n' not in str(caught.value)
+
+
+def test_a_cell_that_is_too_long_is_refused():
+    """By file and line, also where the module csv has a limit of its own."""
+    head = 'table_position,ball\n1,1\n'
+    with pytest.raises(InvalidPlan, match=r'p.csv: line 6: wanted cells with closed quotes, of at most 131072 charac'):
+        parse_plan(f'{HEAD}{head}1,"{"1" * 140_000}"'.encode(), 'p.csv')
+    with pytest.raises(InvalidPlan, match='p.csv: line 6: wanted cells with closed quotes'):
+        parse_plan(f'{HEAD}{head}1,"2'.encode(), 'p.csv')

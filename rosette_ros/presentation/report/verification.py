@@ -6,7 +6,6 @@ CMM's axes off, (iv) that and the table's axial correction off. Two more runs, w
 and on again, stand for what the paper shows of crz alone.
 """
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import same_angles
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Ints
 from rosette_ros.core.uncertainty.error_summary import peak_to_valley
+from rosette_ros.io.csv_cells import cells_of
 from rosette_ros.io.text_file import read_limited
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words
@@ -196,9 +196,10 @@ def read_maker(path: Path | str) -> MakerTable:
     """Return the MakerTable of a CSV file with the columns of MAKER_COLUMNS; raises InvalidData with file and row."""
     data = read_limited(path, "a table of the maker's corrections", LARGEST_FILE)
     try:
-        rows = list(csv.reader(data.decode('utf-8-sig').splitlines()))
-    except (UnicodeDecodeError, csv.Error) as error:
+        lines = data.decode('utf-8-sig').splitlines()
+    except UnicodeDecodeError as error:
         raise InvalidData(f"{path}: wanted a readable table of the maker's corrections, got: {error}") from error
+    rows = [cells_of(line, str(path), number) for number, line in enumerate(lines, 1)]
     if not rows or tuple(rows[0]) != MAKER_COLUMNS:
         raise InvalidData(f'{path}: row 1: wanted the columns {",".join(MAKER_COLUMNS)}, got '
                           f'{",".join(rows[0]) if rows else "an empty file"!r:.80}')
