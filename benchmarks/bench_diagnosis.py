@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.bench_fit import MISSING, matrix
 from rosette_ros.analysis import diagnose, judge
-from rosette_ros.core.diagnosis.diagnosis import search_of
+from rosette_ros.core.diagnosis.diagnosis import known_of
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import mean_radius, observed
 from rosette_ros.core.run.scheme import plan
@@ -44,7 +44,7 @@ def dense(run, chosen):
 
 def seconds(function, run):
     """Return the time that a function of a run takes, s, and its result; nothing is known of the run before."""
-    search_of.cache_clear()
+    known_of.cache_clear()
     start = time.perf_counter()
     result = function(run)
     return time.perf_counter() - start, result

@@ -17,7 +17,14 @@ from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis, Finding, diagnose, find, fitted_with_noise, judge, search_of
+from rosette_ros.core.diagnosis.diagnosis import (
+    Diagnosis,
+    diagnose,
+    explanations_as_fits,
+    find,
+    fitted_with_noise,
+    judge,
+)
 from rosette_ros.core.diagnosis.effect_settings import choose_settings, families_of_terms
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -60,14 +67,14 @@ def in_environment(verdict: Verdict, final: Fit, environment: Environment | None
     return verdict if environment is None else replace(verdict, unseen=unseen(final, environment))
 
 
-def explanations_of(found: Finding, fitted: Fit) -> tuple[tuple[float, Fit], ...]:
+def explanations_of(found: Diagnosis, fitted: Fit) -> tuple[tuple[float, Fit], ...]:
     """Return the explanations of a run, fits with probabilities; none for a fit that lacks what is claimed."""
     if found.missing:
         return fitted.explanations
-    return search_of(found.fit.run, found.model).explained
+    return explanations_as_fits(found.fit.run, found.model)
 
 
-def stated_budget(fitted: Fit, inputs: BudgetInputs | None, found: Finding | None, doubt: str,
+def stated_budget(fitted: Fit, inputs: BudgetInputs | None, found: Diagnosis | None, doubt: str,
                   refit: SphereRefit | None = None, hidden: Sequence[Visibility] | None = None) -> Budget:
     """Return the budget of a fit, with the explanations found in the run where an environment is stated.
 

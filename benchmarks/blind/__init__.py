@@ -7,6 +7,7 @@ import os
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 os.environ.setdefault('OMP_NUM_THREADS', '1')
 
-from benchmarks.blind.trial import SETS, Trial, Truth, trials  # noqa: E402
+from benchmarks.blind.trial import SETS, Trial, trials  # noqa: E402
+from benchmarks.blind.truth import Truth  # noqa: E402
 
 __all__ = ['SETS', 'Trial', 'Truth', 'trials']

@@ -3,20 +3,18 @@
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from benchmarks.blind.cause import BODIES, Names, Variables
 from benchmarks.blind.library import statement
 from benchmarks.blind.runs import SIGMA, visible_part
+from benchmarks.blind.truth import Truth
 from rosette_ros.core.effects.free import variables
 from rosette_ros.core.run.records import ErrorMotions, Floats, Run, remove_gauge
 from rosette_ros.presentation.json_output import levels_json
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
-
-if TYPE_CHECKING:
-    from benchmarks.blind.trial import Truth
 
 Record = dict[str, Any]
 """One run and what was said of it, by name, as JSON has it."""
@@ -50,12 +48,12 @@ def answered(found: Any) -> Record:
     motion, variables, probability (level 1), and law, law_certain (level 2).
     """
     text = unexplained_words(found.verdict)
-    told = [[sorted(one) for one in thing.alternatives] for thing in found.unnamed]
+    told = [[sorted(one) for one in thing.driven_by] for thing in found.unnamed]
     return {
-        'claims': [{'effect': one.effect, 'setting': {name: value if isinstance(value, str) else float(value)
+        'claims': [{'effect': one.name, 'setting': {name: value if isinstance(value, str) else float(value)
                                                       for name, value in one.setting.items()},
-                    'look_alikes': list(one.look_alikes), 'probability': float(one.probability)}
-                   for one in found.candidates if one.claimed],
+                    'look_alikes': list(one.look_alikes), 'probability': float(one.is_there)}
+                   for one in found.claimed],
         'explanations': [
             {'members': list(one.members), 'noise': ' '.join(one.noise), 'probability': float(one.probability)}
             for one in found.explanations],
@@ -82,24 +80,24 @@ def remaining(found: Any, shift: Floats) -> float:
     return float(np.linalg.norm(left)) / SIGMA
 
 
-def truths(claims: Sequence[Record], truth: 'Truth', left: float) -> list[bool]:
+def truths(claims: Sequence[Record], truth: Truth, left: float) -> list[bool]:
     """Return of each claim whether its own name is true: hidden, or fair for a cause; an outlier at its reading."""
     return [claim['setting'].get('reading') in truth.readings if claim['effect'] == 'outlier'
             else claim['effect'] in _fair(truth, left) for claim in claims]
 
 
-def _fair(truth: 'Truth', left: float) -> set[str]:
+def _fair(truth: Truth, left: float) -> set[str]:
     """Return the names that are true in a run of which the claims leave so much of what is hidden, in σ."""
     return {*truth.hidden, *truth.right, *truth.part, *(truth.family if left < ALIKE else ())}
 
 
-def law_judged(levels: Iterable[Record], truth: 'Truth', left: float) -> list[bool | None]:
+def law_judged(levels: Iterable[Record], truth: Truth, left: float) -> list[bool | None]:
     """Return of each level whether its law is true, as the name of a claim is; None where it has none."""
     return [None if one['law'] is None else bool(truth.readings) if one['law'] == 'outlier'
             else {*one['law'].split(' + ')} <= _fair(truth, left) for one in levels]
 
 
-def judged(answer: Record, truth: 'Truth', left: float) -> str:
+def judged(answer: Record, truth: Truth, left: float) -> str:
     """Return the class of an answer, one of CLASSES; left: as of `remaining`."""
     claims = [claim for claim in answer['claims'] if not _is_stray(claim, truth)]
     true = truths(claims, truth, left)
@@ -115,7 +113,7 @@ def judged(answer: Record, truth: 'Truth', left: float) -> str:
     return 'wrong name' if not all(true) else 'incomplete' if claims else 'nothing'
 
 
-def _is_stray(claim: Record, truth: 'Truth') -> bool:
+def _is_stray(claim: Record, truth: Truth) -> bool:
     """Return whether a claim is an outlier of the noise."""
     return claim['effect'] == 'outlier' and claim['setting'].get('reading') in truth.stray
 
@@ -135,7 +133,7 @@ def is_told(told: Iterable[Iterable[Iterable[str]]], variables: Variables) -> bo
                                                 for one in variables)
 
 
-def level_judged(levels: Iterable[Record], truth: 'Truth',
+def level_judged(levels: Iterable[Record], truth: Truth,
                  same: Mapping[str, frozenset[str]] | None = None) -> list[str]:
     """Return of each level 1 one of SAID.
 

@@ -3,10 +3,12 @@
 
 from collections.abc import Sequence
 from itertools import permutations
+from math import log
 
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Member, State
+from rosette_ros.core.diagnosis.noise_kinds import NOT_WHITE
 from rosette_ros.core.run.records import Run
 
 SETTLED = 1e-3
@@ -15,8 +17,11 @@ SETTLED = 1e-3
 
 def regret(run: Run, hidden: Sequence[str]) -> float | None:
     """Return it in white noise; None where nothing of the library is hidden, or this order hides a part of it."""
-    search = search_of(run).white
-    visited = max(value for value, _ in search.looked.values())
+    found = search_of(run)
+    search = Search(found.readings.white)
+    visited = max(found.posterior.log_evidence(key) for key in found.posterior.keys if not key[1])
+    if not found.posterior.noise.resolution:
+        visited -= log(1 - NOT_WHITE)  # which a hypothesis in white noise has as its prior
     made = [state for order in dict.fromkeys(permutations(hidden)) if (state := _of(search, order)) is not None]
     if not hidden or not made:
         return None

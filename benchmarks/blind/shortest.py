@@ -49,7 +49,7 @@ def compared(number: int, n: int) -> tuple[int, int, float, tuple[str, ...], tup
             break
         short.measure(block)
     found = standing(short.run), standing(whole.run)
-    said = (one.contenders[0].names for one in found)
+    said = (one.contenders[0].members for one in found)
     return begin, short.run.size, found[0].uncertainty / found[1].uncertainty, *said
 
 

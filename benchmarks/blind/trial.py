@@ -23,11 +23,12 @@ from benchmarks.blind.answers import (
     truths,
     within,
 )
-from benchmarks.blind.cause import Cause, Names, Variables
+from benchmarks.blind.cause import Cause, Names
 from benchmarks.blind.library import alike, statement
 from benchmarks.blind.noise_kinds import KINDS
 from benchmarks.blind.runs import CROSSED, FEWEST, ORDERS, Plan, noisy, scaled, situation, true_curves
-from rosette_ros.core.run.records import Floats, Run
+from benchmarks.blind.truth import Truth
+from rosette_ros.core.run.records import Run
 from rosette_ros.simulation.hidden_effect import Draw
 from rosette_ros.simulation.hidden_kinds import KINDS as HIDDEN
 from rosette_ros.simulation.hidden_kinds import NAMED
@@ -52,29 +53,6 @@ def causes_of(file: str) -> dict[str, type[Cause]]:
     spec.loader.exec_module(module)
     causes: dict[str, type[Cause]] = module.CAUSES
     return causes
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """What is true of a run.
-
-    hidden: names of the library; readings: of hidden outliers and of those of the noise, one-based; stray: the latter;
-    right, part, family, body, variables: of a cause or of an effect left out, None for other runs; order: in which it
-    was measured; share: visible, of each displacement; shift: what was hidden, (N, 3), m; curves: (n, 6), m and rad.
-    """
-
-    order: str
-    hidden: Names
-    readings: tuple[int, ...]
-    stray: tuple[int, ...]
-    shift: Floats
-    curves: Floats
-    share: tuple[float, ...] = ()
-    right: Names = ()
-    part: Names = ()
-    family: Names = ()
-    body: Names = ()
-    variables: Variables | None = None
 
 
 @dataclass(frozen=True)

@@ -159,7 +159,7 @@ class Search:
                 cell.follow()
 
     def _ends(self, cell: Cell, found: NextReadings) -> bool:
-        return found.is_settled and (found.contenders[0].names != () or cell.is_complete)
+        return found.is_settled and (found.contenders[0].members != () or cell.is_complete)
 
     def _settled(self, cell: Cell, chosen: bool, path: list[Any]) -> Record:
         """Return how a machine of which something is in doubt goes on."""
@@ -178,17 +178,17 @@ class Search:
             else:
                 cell.measure(found.targets)
         return {'readings': cell.run.size, 'settled': found.is_settled, 'hopeless': found.is_hopeless,
-                'hours': float(cell.run.time[-1]) / 3600, 'path': path, 'said': list(found.contenders[0].names),
+                'hours': float(cell.run.time[-1]) / 3600, 'path': path, 'said': list(found.contenders[0].members),
                 'right': _is_right(found, self.kinds), 'seconds': seconds}
 
 
 def _point(cell: Cell, found: NextReadings) -> list[Any]:
     """Return what was known after so many readings."""
-    return [cell.run.size, {' + '.join(one.names): round(one.probability, 4) for one in found.contenders[:4]}]
+    return [cell.run.size, {' + '.join(one.members): round(one.probability, 4) for one in found.contenders[:4]}]
 
 
 def _is_right(found: NextReadings, kinds: Sequence[str]) -> bool:
-    return sorted(found.contenders[0].names) == sorted(kinds)
+    return sorted(found.contenders[0].members) == sorted(kinds)
 
 
 def on(scheme: Scheme, start: int, count: int) -> Scheme:

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from rosette_ros import __version__
 from rosette_ros.analysis import in_environment, stated_budget
-from rosette_ros.core.diagnosis.diagnosis import Finding
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.records import Floats
@@ -116,7 +116,7 @@ def heading(log_sha256: str, path: str, stamp: str, model: Model, added_at: date
             'stamp': stamp, 'added_at': added_at, 'problem': problem}
 
 
-def evaluation_row(fit: Fit, finding: Finding | None = None, source: Source | None = None, cell: str = '',
+def evaluation_row(fit: Fit, finding: Diagnosis | None = None, source: Source | None = None, cell: str = '',
                    identity: Identity | None = None, environment: Environment | None = None) -> Row:
     """Return what a row says of an evaluation.
 

@@ -13,7 +13,8 @@ from rich.markup import escape
 from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, analyse, change, judge
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_table
-from rosette_ros.core.diagnosis.verdict import MissingEffect, Verdict
+from rosette_ros.core.diagnosis.cause import MissingEffect
+from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect, Quantity, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect

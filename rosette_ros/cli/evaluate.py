@@ -67,9 +67,7 @@ from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, titles, ve
 
 NEXT_BEST = 4
 """So many explanations, and effects that are not identified, are shown."""
-CANDIDATE_COLUMNS = (
-    'effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um',
-    'look_alikes')
+CANDIDATE_COLUMNS = ('effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'look_alikes')
 WIDEST_MAP = 40
 """Most balls for which the map of the readings fits on a screen."""
 LOW, HIGH = 2.0, 3.0
@@ -202,7 +200,7 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
     found = diagnosis.with_cause
     print_parts(out, [
         errors(fit_lines(diagnosis.fit, doubt=doubt_of(diagnosis.verdict)), found=fit_lines(found) if found else ()),
-        tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
+        tables.effects([(one.name, one.setting, one.parameters) for one in claimed],
                        'Parameters of the missing effects, all fitted together', measured.time_unit),
         explanations(diagnosis).first(NEXT_BEST),
         tables.candidates(others, measured, 'The next best').select(*CANDIDATE_COLUMNS),
@@ -256,7 +254,7 @@ def show_comparison(out: Console, comparison: Comparison, verdict: Verdict) -> N
     say(out, f'{comparison_words(comparison)} Residuals are given in σ = {micrometres(sigma)}, {source}; '
         f'uncertainties of the curves follow {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),
-                      tables.worst_readings(comparison), tables.waves(comparison)])
+                      tables.worst_readings(comparison)])
 
 
 def reading_map(comparison: Comparison, sigma: float) -> Text | None:

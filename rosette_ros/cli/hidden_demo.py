@@ -188,7 +188,7 @@ def _value(value: Any) -> str:
 
 def _named_instead(kind: str, diagnosis: Diagnosis, named: Sequence[str]) -> list[str]:
     """Return the effects that are named and of which it is stated that a hidden one looks the same."""
-    return [entry.effect for entry in diagnosis.candidates if entry.effect in named and kind in entry.look_alikes]
+    return [entry.name for entry in diagnosis.candidates if entry.name in named and kind in entry.look_alikes]
 
 
 def wrongly_named(kinds: Sequence[str], diagnosis: Diagnosis, named: Sequence[str]) -> list[str]:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find, in_environment, stated_budget
 from rosette_ros.cli.arguments import UsageError
 from rosette_ros.cli.console import doing, head, print_verdict, warn
-from rosette_ros.core.diagnosis.diagnosis import Finding
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.joint.joint_evaluation import JointResult, evaluate_jointly
 from rosette_ros.core.joint.readings import Readings
@@ -60,7 +60,7 @@ class Opened:
             return analyse(self.run, self.model)
 
     @cached_property
-    def finding(self) -> Finding | None:
+    def finding(self) -> Diagnosis | None:
         """What is missing, None where the plate has too many balls to judge it unasked."""
         if self.run.n > MOST_BALLS_JUDGED:
             return None

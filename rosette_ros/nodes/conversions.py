@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.calibration_plan import BLOCK, block_of
 from rosette_ros.calibration.goal import OF_EVENT
-from rosette_ros.core.diagnosis.verdict import noise_facts
+from rosette_ros.core.diagnosis.noise_facts import noise_facts
 from rosette_ros.core.run import records
 from rosette_ros.core.run.errors import InvalidData, plain
 from rosette_ros.core.run.geometry import Frame
@@ -32,7 +32,7 @@ from rosette_ros.words.verdict_words import noise_words, unexplained_words, verd
 if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
     from rosette_ros.calibration.goal import Job, Request
     from rosette_ros.core.diagnosis import diagnosis as core
-    from rosette_ros.core.diagnosis.candidates import Candidate
+    from rosette_ros.core.diagnosis.cause import MissingEffect
     from rosette_ros.core.model import model as core_model
     from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.dme.ball_probing import MeasuredBall
@@ -253,12 +253,11 @@ def noise_message(fit: 'Fit') -> msg.Noise:
         resolution=float(noise.resolution))
 
 
-def candidate_message(entry: 'Candidate') -> msg.Candidate:
-    """Return the Candidate message of a core Candidate; what was searched is its definition."""
+def candidate_message(entry: 'MissingEffect') -> msg.Candidate:
+    """Return the Candidate message of a core MissingEffect; what was searched is its definition."""
     setting = format_entry(dict(entry.setting)) if entry.setting else ''
-    same = ('p', 'visible_fraction', 'rms_before', 'rms_after', 'delta_bic')
     return msg.Candidate(
-        effect=entry.effect, held_out_rms_before=float(entry.cross_validation_before),
-        held_out_rms_after=float(entry.cross_validation_after), look_alikes=list(entry.look_alikes),
-        parameters=effect_message(entry.effect, entry.parameters, setting),
-        **{name: float(getattr(entry, name)) for name in same})
+        effect=entry.name, p=float(entry.p), visible_fraction=float(entry.visible_fraction),
+        rms_before=float(entry.before), rms_after=float(entry.after), look_alikes=list(entry.look_alikes),
+        parameters=effect_message(entry.name, entry.parameters, setting),
+        held_out_rms_before=math.nan, held_out_rms_after=math.nan, delta_bic=math.nan)  # no longer calculated

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What explains a run, as tables: the causes of a verdict, and sets of effects, unnamed motions and kinds of noise."""
 
-from rosette_ros.core.diagnosis.diagnosis import Finding
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.presentation.formatting import MEANINGS, before_after, fixed
@@ -25,7 +25,7 @@ def causes(verdict: Verdict) -> Table:
         words('check', 'possible origin', looks)))
 
 
-def explanations(found: Finding) -> Table:
+def explanations(found: Diagnosis) -> Table:
     """Return the likeliest explanations, at least up to 95 % together."""
     every = found.explanations
     probability = tuple(one.probability for one in every)

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change, LadderStep
+from rosette_ros.core.diagnosis.cause import Cause
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
-from rosette_ros.core.diagnosis.posterior import Cause
+from rosette_ros.core.diagnosis.noise_facts import noise_facts
 from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CrossCheck
-from rosette_ros.core.diagnosis.verdict import Verdict, noise_facts
+from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model, Term
@@ -30,7 +31,7 @@ from rosette_ros.core.uncertainty.uncertainty_budget import Budget, stated_lines
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json, verdict_json
-from rosette_ros.presentation.tables import CANDIDATE, CHECKED, HARMONIC
+from rosette_ros.presentation.tables import CANDIDATE, CHECKED
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.result_words import check_words, comparison_words
 from rosette_ros.words.verdict_words import noise_words, unexplained_words, verdict_text
@@ -137,7 +138,6 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
             'cmm_position': one.cmm_position, 'residual_m': one.residual, 'size_sigma': one.size, 'p': one.p,
             'weight': one.weight, 'curves_without': None if one.without is None else by_curve(one.without),
         } for one in comparison.worst],
-        'harmonics': [fields_json(HARMONIC, line) for line in comparison.harmonics],
         **({'ladder': [{'added': step.added, 'fit': fit_json(step.fit), 'held_out_rms_m': step.cross_validation}
                        for step in steps]} if steps else {})})
 
@@ -156,7 +156,7 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
                          for one in diagnosis.explanations],
         'probability_of_nothing': diagnosis.probability_of_nothing,
         'probability_of_unnamed': diagnosis.probability_of_unnamed,
-        'unnamed': [{'variables': [sorted(each) for each in one.alternatives], 'motion': one.motion,
+        'unnamed': [{'variables': [sorted(each) for each in one.driven_by], 'motion': one.motion,
                      'probability': one.probability} for one in diagnosis.unnamed],
         'not_needed': diagnosis.not_needed,
         'candidates': [fields_json(CANDIDATE, entry) for entry in diagnosis.candidates],

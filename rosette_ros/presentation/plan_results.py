@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.posterior import HEARD
+from rosette_ros.core.diagnosis.limits import HEARD
 from rosette_ros.core.planning.expectation import Expectation
 from rosette_ros.core.planning.next_readings import NextReadings
 from rosette_ros.core.planning.plan_comparison import Outlook
@@ -159,9 +159,9 @@ def next_json(found: NextReadings, run: Run) -> Json:
         'readings_so_far': run.size, 'text': ' '.join(next_words(found)), 'is_settled': found.is_settled,
         'is_hopeless': found.is_hopeless, 'gain_nat': found.gain, 'duration_s': found.duration,
         'uncertainty_m': found.uncertainty, 'expected_uncertainty_m': found.expected_uncertainty,
-        'explanations': [{'members': one.names, 'probability': one.probability}
+        'explanations': [{'members': one.members, 'probability': one.probability}
                          for one in found.contenders if one.probability > HEARD],
-        'separates': pair and {'members': [pair.first.names, pair.second.names], 'share': pair.now,
+        'separates': pair and {'members': [pair.first.members, pair.second.members], 'share': pair.now,
                                'expected_share': pair.expected},
         'readings': block and {name: getattr(block, name) for name in (
             'table_position', 'ball', 'cmm_position', 'approach')} | {

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import LadderStep, Summary
-from rosette_ros.core.diagnosis.candidates import Candidate
+from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.comparison import DRAWS, Comparison
 from rosette_ros.core.diagnosis.second_run import CheckOutcome, CrossCheck
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
+from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.run_functions import around
@@ -23,7 +23,7 @@ from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.run.errors import counted
-from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
+from rosette_ros.core.run.records import CURVES, UNLIKELY, ErrorMotions, Floats, Run
 from rosette_ros.core.sight.visibility import GOOD_SHARE, Visibility
 from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
 from rosette_ros.core.uncertainty.error_summary import fit_lines, peak_to_valley
@@ -37,7 +37,6 @@ from rosette_ros.presentation.table_format import (
     column,
     fields_table,
     micrometre_column,
-    micrometres_field,
     parameters_json,
     words,
 )
@@ -47,7 +46,7 @@ from rosette_ros.words.verdict_words import title_of
 EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
 ABSORBED = ('Sensitivity: share of an effect that is not absorbed by table, plate and CMM deviations, but shows in the '
             'residual.')
-WORST, WAVES = 6, 4
+WORST = 6
 NEGLIGIBLE = 0.05
 """Bias of the curves, µm or µrad per µm rms of an effect, below which plate and CMM deviations absorb it."""
 LARGEST_LIMIT = 100.0
@@ -69,7 +68,7 @@ def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -
     return (errors(summary.lines(tolerances), found=fit_lines(found) if found else ()),
             curves(fit.error_motions, text.NOW if found else ''),
             *([curves(found.error_motions, text.FOUND, 'found_curves')] if found else []), deviations(fit),
-            axes(comparison), places(comparison), worst_readings(comparison), waves(comparison),
+            axes(comparison), places(comparison), worst_readings(comparison),
             residuals(fit, summary.final), causes(summary.verdict),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates, summary.run),
             fitted_effects(summary.final, f'Effects {text.FOUND if found else "in the model"}'),
@@ -252,17 +251,6 @@ def reading(fit: Fit, place: int) -> Table:
                partial(text.fixed, places=1))))
 
 
-def waves(comparison: Comparison) -> Table:
-    """Return the strongest harmonics of the residual; empty for an incomplete run, which has no spectrum."""
-    return fields_table('harmonics', 'Strongest harmonics of the residual', HARMONIC, comparison.harmonics[:WAVES])
-
-
-HARMONIC = (
-    Field('axis', 'axis', number=False), Field('table_waves', 'waves per turn of the table'),
-    Field('cmm_waves', 'waves per turn of CMM positions', show=partial(text.fixed, places=0)),
-    micrometres_field('amplitude_m', 'amplitude'), Field('share', 'share of the residual', show=text.percent))
-
-
 def residuals(before: Fit, after: Fit) -> Table:
     """Return every reading with its residual under two models: for the file alone."""
     run = before.run
@@ -310,21 +298,19 @@ def base_name(model: Model) -> str:
     return 'base model' if model.base == BASE_TERMS else ' + '.join(model.base) or 'nothing'
 
 
-def candidates(every: Sequence[Candidate], run: Run, title: str = 'Candidates, most significant first') -> Table:
+def candidates(every: Sequence[MissingEffect], run: Run, title: str = 'Candidates, most significant first') -> Table:
     """Return candidates with probability, size and effects that they cannot be told from; run: of the diagnosis."""
-    size = Field('size', 'size', lambda one: size_words(one.effect, one.parameters, one.setting, run),
+    size = Field('size', 'size', lambda one: size_words(one.name, one.parameters, one.setting, run),
                  number=False)
     fields = [size if one.key == 'parameters' else one for one in CANDIDATE]
     return fields_table('candidates', f'{title}; each fitted together with the identified ones above it', fields, every)
 
 
-def _errors_of(without: str, present: str) -> tuple[Field, ...]:
-    """Return residual and cross-validation residual without and with an effect; people see both in one column."""
-    return tuple(field for key, size, name in (('rms', 'rms', 'residual'), (
-        'held_out_rms', 'cross_validation', text.CROSS_VALIDATION)) for field in (
-            Field(f'{key}_before_m', '', f'{size}_{without}', unit='µm'),
-            Field(f'{key}_after_m', f'{name} without → with it', f'{size}_{present}', unit='µm', text=partial(
-                _before_after, attrgetter(f'{size}_{without}', f'{size}_{present}')))))
+def _both(key: str, name: str, without: str, present: str) -> tuple[Field, ...]:
+    """Return a residual without and with an effect; people see both in one column."""
+    return (Field(f'{key}_before_m', '', without, unit='µm'),
+            Field(f'{key}_after_m', f'{name} without → with it', present, unit='µm',
+                  text=partial(_before_after, attrgetter(without, present))))
 
 
 def _before_after(both: Callable[[Any], tuple[float, float]], record: Any) -> str:
@@ -332,11 +318,10 @@ def _before_after(both: Callable[[Any], tuple[float, float]], record: Any) -> st
 
 
 CANDIDATE = (
-    Field('effect', 'effect', number=False), Field('claimed', 'identified', number=False),
-    Field('probability', 'probability', show=text.percent), Field('p', text.P_VALUE, show=text.p_value),
+    Field('effect', 'effect', 'name', number=False), Field('claimed', 'identified', number=False),
+    Field('probability', 'probability', 'is_there', show=text.percent), Field('p', text.P_VALUE, show=text.p_value),
     Field('parameters', get=lambda one: parameters_json(one.parameters), files='json'),
-    Field('visible_fraction', text.SENSITIVITY, show=text.percent), *_errors_of('before', 'after'),
-    Field('delta_bic', 'ΔBIC', show=partial(text.fixed, places=0)),
+    Field('visible_fraction', text.SENSITIVITY, show=text.percent), *_both('rms', 'residual', 'before', 'after'),
     Field('look_alikes', 'cannot be told from', number=False,
           text=lambda one: ', '.join(map(title_of, one.look_alikes))), Field('setting', files='json'))
 
@@ -368,7 +353,8 @@ def cross_check(check: CrossCheck) -> Table:
 CHECKED = (
     Field('effect', 'effect', 'name', number=False), Field('outcome', 'outcome', number=False),
     Field('visible_fraction', text.SENSITIVITY, show=text.percent), Field('p', text.P_VALUE, show=text.p_value),
-    *_errors_of('without', 'with'),
+    *_both('rms', 'residual', 'rms_without', 'rms_with'),
+    *_both('held_out_rms', text.CROSS_VALIDATION, 'cross_validation_without', 'cross_validation_with'),
     Field('same_size', 'same size', text=lambda one: {True: 'yes', False: 'no', None: ''}[one.same_size], number=False),
     Field('reason', get=reason_words, files='json'), *(Field(name, files='json') for name in ('carries', 'setting')),
     *(Field(name, get=partial(lambda name, one: parameters_json(getattr(one, name)), name), files='json')

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.verdict import UNLIKELY
+from rosette_ros.core.run.records import UNLIKELY
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json

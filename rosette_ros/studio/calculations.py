@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rosette_ros.analysis import curves_over, evaluate_jointly, stated_budget
-from rosette_ros.core.diagnosis.diagnosis import Finding
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import Fit
@@ -52,7 +52,7 @@ def read_upload(path: Path) -> tuple[Run, Source]:
     return run.replace(source=path.name), replace(source, path=path.name, files=files)
 
 
-def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str, found: Finding | None,
+def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str, found: Diagnosis | None,
               ) -> Budget:
     """Return the Budget of a fit, with the scatter of touches where the log of the run has them; found: in the run."""
     return stated_budget(fit, inputs, found, doubt, touches_of(source)[0])

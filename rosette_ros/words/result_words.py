@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.diagnosis.comparison import Comparison
+from rosette_ros.core.diagnosis.noise_facts import noise_facts
 from rosette_ros.core.diagnosis.second_run import CheckedEffect, CheckOutcome, CrossCheck
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, noise_facts
+from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.run.number_words import micrometres, multiple, p_words
+from rosette_ros.core.run.records import UNLIKELY
 from rosette_ros.words.effect_words import capital, names, title_of
 from rosette_ros.words.verdict_words import noise_words, unseen_words
 

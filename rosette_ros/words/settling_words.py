@@ -9,15 +9,16 @@ from rosette_ros.core.run.errors import counted
 from rosette_ros.words.effect_words import capital, names, title_of
 
 if TYPE_CHECKING:  # who shows what was found starts without the least squares
-    from rosette_ros.core.planning.next_readings import Contender, NextReadings, Separation
+    from rosette_ros.core.diagnosis.posterior import Explanation
+    from rosette_ros.core.planning.next_readings import NextReadings, Separation
 
 NOTHING = 'no further effect'
 NOTHING_TO_DO = 'Nothing more has to be measured.'
 
 
-def contender_words(one: 'Contender', other: 'Contender | None' = None) -> str:
+def contender_words(one: 'Explanation', other: 'Explanation | None' = None) -> str:
     """Return what an explanation has beyond another one, in words: 'a warm-up of the frame', 'no further effect'."""
-    own = Counter(one.names) - Counter(other.names if other else ())
+    own = Counter(one.members) - Counter(other.members if other else ())
     words = [title_of(name) if name in EFFECTS else f'something with {name}' for name in own.elements()]
     return names(words) if words else NOTHING
 

@@ -6,18 +6,10 @@ from collections.abc import Iterable, Sequence
 from math import isnan
 from typing import TYPE_CHECKING
 
-from rosette_ros.core.diagnosis.verdict import (
-    OTHER_UNIT,
-    WRONG,
-    MissingEffect,
-    NoiseFacts,
-    Outcome,
-    Residual,
-    UnnamedMotion,
-    Verdict,
-    VerdictText,
-    WrongReading,
-)
+from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
+from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
+from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict, VerdictText
+from rosette_ros.core.diagnosis.wrong_readings import WRONG, WrongReading
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
 from rosette_ros.core.run.number_words import micrometres, multiple, p_words
@@ -39,7 +31,6 @@ from rosette_ros.words.effect_words import title_of as title_of
 from rosette_ros.words.reading_words import remark_words
 
 if TYPE_CHECKING:  # plan and info start without the least squares
-    from rosette_ros.core.diagnosis.posterior import Cause
     from rosette_ros.core.model.least_squares import Parameter
     from rosette_ros.core.model.noise import Group
 
@@ -81,7 +72,10 @@ MOVES: dict[type[Motion], str] = {
 """What each motion does, before 'by' and a size."""
 SIGNIFICANT = 2.0
 """Standard uncertainties from which on a component is said; the largest always is."""
-MOST_SIZES = 3
+MOST_SIZES, MOST_WRONG = 3, 4
+"""Sizes, and wrong readings, that are said."""
+OTHER_UNIT = 100.0
+"""Ratio of the repeatability of axes from which on a wrong unit is the likelier cause."""
 MOST_OF_U = 0.5
 """Share of a variance from which on it is most of it."""
 LIKELY, MOST_LAWS = 0.03, 3
@@ -113,17 +107,17 @@ def unexplained_words(verdict: Verdict) -> str:
         _against_repeatability(verdict.after) if verdict.unexplained and verdict.after else '')
 
 
-def unnamed_words(one: UnnamedMotion) -> str:
+def unnamed_words(one: MissingEffect) -> str:
     """Return what moves and with what: 'something moves the frame in y with the time since the last table move; ...'.
     """
-    ball = re.match(r'ball (\d+)', str(one.setting.get('of', '')))
+    ball = re.match(r'ball (\d+)', one.setting.word('of'))
     along = _ALONG.fullmatch(one.motion)
     if along:
         body = f'ball {ball[1]}' if ball else f'the {along[1]}'
         moves = f'moves {body} {f"along its {along[3]}" if along[2] else f"in {along[3]}"}'
     else:
         moves = MOTIONS.get(one.motion, f'moves ({one.motion})')
-    sets = [(some - {'ball'} or some) if ball else some for some in one.alternatives]
+    sets = [(some - {'ball'} or some) if ball else some for some in one.driven_by]
     first, *others = dict.fromkeys(names(VARIABLES.get(name, name) for name in sorted(some)) for some in sets)
     instead = f' (or with {", or with ".join(others)}: this run cannot tell which)' if others else ''
     return f'something {moves} with {first}{instead}; the library has no name for it'
@@ -211,7 +205,7 @@ def missing_words(one: MissingEffect) -> str:
     return f'{title}{place} ({chance(cause.law_probability)}){others}'
 
 
-def laws_words(cause: 'Cause', most: int = MOST_LAWS) -> str:
+def laws_words(cause: Cause, most: int = MOST_LAWS) -> str:
     """Return so many of the likeliest laws of a cause: 'slip of one ball (95 %), creep of one ball (4 %)'."""
     likely = [(law, p) for law, p in cause.laws if p >= LIKELY][:most] or cause.laws[:1]
     return ', '.join(f'{titles(law) if law else "no law of the library"} ({chance(p)})' for law, p in likely)
@@ -243,7 +237,7 @@ def _alike_words(some: Sequence[str]) -> str:
     return f'{capital(names(others))} run{"s" * (len(others) == 1)} like {first} in this order.' if others else ''
 
 
-def _unnamed_sentences(every: Sequence[UnnamedMotion]) -> list[str]:
+def _unnamed_sentences(every: Sequence[MissingEffect]) -> list[str]:
     """Return a sentence for each structure without a name."""
     return [f'{capital(unnamed_words(one))} (probability {chance(one.probability)}).' for one in every]
 
@@ -251,9 +245,10 @@ def _unnamed_sentences(every: Sequence[UnnamedMotion]) -> list[str]:
 def _wrong(verdict: Verdict) -> list[str]:
     if not verdict.wrong:
         return []
-    more = [f'{verdict.more_wrong} more'] * bool(verdict.more_wrong)
+    listed, others = verdict.wrong[:MOST_WRONG], verdict.wrong[MOST_WRONG:]
+    more = [f'{len(others)} more'] * bool(others)
     return [f'Wrong readings, off by more than {WRONG:.0f} times the scatter of the others: '
-            f'{"; ".join([*map(_reading, verdict.wrong), *more])}.']
+            f'{"; ".join([*map(_reading, listed), *more])}.']
 
 
 def _reading(one: WrongReading) -> str:

@@ -16,9 +16,10 @@ from benchmarks.blind.regret import regret
 from benchmarks.blind.runs import CROSSED, ORDERS, SIGMA, Plan, true_curves, visible_part
 from benchmarks.blind.trial import CAUSES, NotShown, causes_of
 from rosette_ros.analysis import diagnose
-from rosette_ros.core.diagnosis import posterior as levels
+from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.geometry import rotate_z
@@ -246,18 +247,19 @@ def test_laws_are_judged_as_names():
 
 def test_a_diagnosis_is_read_with_its_probabilities():
     """Claims, explanations and the variables of what has no name."""
-    given = {'effect': 'frame_drift', 'setting': {'axes': 'x'}, 'look_alikes': ('frame_cycle',), 'claimed': True}
+    claim = MissingEffect('frame_drift', Setting(axes='x'), alternatives=(('frame_cycle', 0.1),), is_there=0.9)
+    of_ball = Cause((), ('frame',), (('travel',), ('ball',)), 0.7)
     new = SimpleNamespace(
-        candidates=[SimpleNamespace(**given, probability=0.9)], unexplained=True, verdict=Verdict(Outcome.UNNAMED),
+        claimed=[claim], unexplained=True, verdict=Verdict(Outcome.UNNAMED),
         final=SimpleNamespace(rms=1e-7), probability_of_nothing=0.01, probability_of_unnamed=0.2,
-        unnamed=(SimpleNamespace(alternatives=(frozenset(('travel', 'ball')),)),), causes=(),
+        unnamed=(MissingEffect('free', cause=of_ball),), causes=(),
         explanations=(SimpleNamespace(members=('frame_drift',), noise=('white',), probability=0.9),))
     said_now = answered(new)
     assert said_now['told'] == [[['ball', 'travel']]] and said_now['claims'][0]['probability'] == 0.9
     assert said_now['levels'] == []
     laws = (('frame_drift',), 0.6), ((), 0.3)
     place = SimpleNamespace(name='frame_drift', is_free=False), {}
-    new.causes = (levels.Cause((place,), ('frame',), (('time', 'travel'), ('ball',)), 0.9, laws),)
+    new.causes = (Cause((place,), ('frame',), (('time', 'travel'), ('ball',)), 0.9, laws),)
     assert answered(new)['levels'] == [{
         'motion': 'frame', 'motions': ('frame',), 'variables': [['ball', 'time'], ['ball', 'travel']],
         'probability': 0.9, 'law': 'frame_drift', 'law_probability': 0.6, 'law_certain': False,
@@ -280,7 +282,8 @@ def test_two_effects_are_found_of_which_neither_is_worth_much_alone():
     the other: what is hidden is worth no more than what was visited."""
     trial, = trials(['pairs'], seeds=1, first_seed=5019)
     run, truth = trial.run()
-    found, search = diagnose(run), search_of(run).white
+    found, posterior = diagnose(run), search_of(run).posterior
     assert trial.judge(found, truth)['judged'] == 'right' and regret(run, truth.hidden) < 0.1
-    both, *alone = (search.looked[tuple(sorted(names))][0] for names in (truth.hidden, *zip(truth.hidden)))
+    both, *alone = (posterior.log_evidence((tuple(sorted(names)), ())) - posterior.log_evidence(((), ()))
+                    for names in (truth.hidden, *zip(truth.hidden)))
     assert both > sum(alone) + 15 and {one.bodies[0] for one in found.causes} == {'frame'}

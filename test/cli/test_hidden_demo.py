@@ -148,7 +148,7 @@ def test_visible_strength_is_that_of_the_machine_alone():
 ])
 def test_answers(kind, strength, words):
     """Each way in which a diagnosis can be right or wrong has its words."""
-    claimed = SimpleNamespace(effect='frame_drift', claimed=True, look_alikes=('frame_warmup',))
+    claimed = SimpleNamespace(name='frame_drift', claimed=True, look_alikes=('frame_warmup',))
     found = SimpleNamespace(missing=('frame_drift',), candidates=(claimed,),
                             invisible=('table_backlash',), unexplained=False)
     assert words in answer(kind, strength, found, found.missing)[0]

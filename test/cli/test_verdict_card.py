@@ -5,7 +5,7 @@ import io
 
 from rosette_ros.cli.console import console
 from rosette_ros.cli.evaluate import print_card
-from rosette_ros.core.diagnosis.diagnosis import Unnamed
+from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
 
@@ -27,7 +27,8 @@ def test_a_model_that_fits_is_a_sentence():
 def test_what_has_no_name_can_be_kept_as_a_term():
     """By the command as it is printed."""
     setting = Setting(of='time since move', kind='slow', along='frame along y')
-    one = Unnamed((frozenset(['time since move']),), 'frame along y', setting, 0.97)
+    cause = Cause((), ('frame',), (('time since move',),), 0.97)
+    one = MissingEffect('free', setting, cause=cause, together=0.97)
     lines = card(Verdict(Outcome.UNNAMED, RESIDUAL, RESIDUAL, unnamed=(one,)), 'mine.yaml')
     assert lines[0] == 'SYSTEMATIC EFFECT FOUND, CAUSE NOT IDENTIFIED'
     assert lines[-1].endswith("rosette add free --set 'of=time since move' --set kind=slow --set 'along=frame along y' "

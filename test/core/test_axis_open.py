@@ -21,7 +21,7 @@ def test_an_axis_that_the_order_hardly_shows_is_not_excluded():
         shift *= 40 * SIGMA / np.linalg.norm(visible_part(clean, shift))
         run = noisy(clean, 'white', np.random.default_rng(9611), True, shift)[0]
         found = find(run.replace(temperature=np.full(run.size, np.nan)))
-        told[order] = (found.missing, [(one.motion, set().union(*one.alternatives)) for one in found.unnamed])
+        told[order] = (found.missing, [(one.motion, set().union(*one.driven_by)) for one in found.unnamed])
     for missing, unnamed in told.values():
         assert missing == () and len(unnamed) == 1 and 'time' in unnamed[0][1], told
         assert unnamed[0][0] == 'frame along x, y and z', told

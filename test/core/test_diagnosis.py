@@ -10,8 +10,9 @@ from synthetic import synthetic_run
 from rosette_ros.analysis import analyse, change
 from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import RunSearch, diagnose, find, judge, search_of
+from rosette_ros.core.diagnosis.diagnosis import diagnose, find, judge, known_of
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
+from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.effects.free import motions
 from rosette_ros.core.effects.library import EFFECTS
@@ -55,10 +56,8 @@ def test_the_hidden_effect_is_named():
         found = diagnose(machine_run(hidden=hidden(kind)))
         assert found.missing == (kind,) and not found.unexplained
         top = found.candidates[0]
-        assert top.effect == kind and top.claimed and top.p < 1e-3 and top.probability > 0.7
-        assert abs(top.rms_after / SIGMA - 1) < 3 * 0.041 and top.rms_after < top.rms_before
-        assert abs(top.cross_validation_after / SIGMA - 1) < 4 * 0.041
-        assert top.cross_validation_after < top.cross_validation_before
+        assert top.name == kind and top.claimed and top.p < 1e-3 and top.is_there > 0.7
+        assert abs(top.after / SIGMA - 1) < 3 * 0.041 and top.after < top.before
         assert EFFECTS[kind].plain.lower() in verdict_text(found.verdict).sentence.lower()
         parameters = {one.name: one for one in top.parameters}
         assert all(abs(parameters[name].value - value) < 3 * parameters[name].u for name, value in truth.items()), kind
@@ -73,10 +72,10 @@ def test_probabilities_are_those_of_explanations_that_exclude_each_other():
         assert len({(one.members, one.noise) for one in found.explanations}) == len(found.explanations)
         told = sum(one.probability for one in found.explanations if not one.members)
         assert told <= found.probability_of_nothing + 1e-9 <= told + 0.05 + 2e-9
-        for claim in found.claims:
+        for claim in found.claimed:
             told = sum(one.probability for one in found.explanations if claim.name in one.members)
-            assert told <= claim.probability + 1e-9 <= told + 0.05 + 2e-9
-            assert claim.probability <= claim.together <= 1 + 1e-9
+            assert told <= claim.is_there + 1e-9 <= told + 0.05 + 2e-9
+            assert claim.is_there <= claim.together <= 1 + 1e-9
 
 
 def test_what_the_model_describes_is_still_in_the_cell():
@@ -99,7 +98,7 @@ def test_a_base_term_left_out_is_missed():
     for lacking in ('plate_deviations', 'cmm_deviations'):
         found = diagnose(machine_run('diagonal', cmm={'correction': False}), Model().without_effect(lacking))
         assert found.missing == (lacking,)
-        assert found.candidates[0].rms_after < 1.3 * SIGMA < found.candidates[0].rms_before
+        assert found.candidates[0].after < 1.3 * SIGMA < found.candidates[0].before
     said = verdict_text(judge(machine_run('diagonal', n=6), Model(BASE_TERMS[1:])))
     assert said.sentence.endswith('no error motions of the table: their curves are zero by assumption.')
     assert 'add the error motions of the table to the model' in said.action.lower()
@@ -130,7 +129,7 @@ def test_a_shape_without_name_is_unexplained():
     found = find(run.replace(centre=run.centre + 1e-6 * shape[:, None] * np.array([0, 0, 1.0])))
     one, = found.unnamed
     assert found.missing == () and found.probability_of_unnamed > 0.9
-    assert frozenset({'time', 'CMM position'}) in one.alternatives
+    assert frozenset({'time', 'CMM position'}) in one.driven_by
     assert not motions(run)[one.motion][..., :2].any(), f'{one.motion} is along z'
     assert unexplained_words(found.verdict)
 
@@ -150,9 +149,10 @@ def test_what_only_describes_noise_does_not_help_left_out_readings():
     run = machine_run('random', seed=8)
     candidates = diagnose(run).candidates
     assert len(candidates) == 8  # nothing is claimed
-    better = [one.effect for one in candidates if one.cross_validation_after < 0.985 * one.cross_validation_before]
-    assert all(EFFECTS[name].searched for name in better)
-    assert not any(change(run, Model(), Model().with_effect(name)).helps for name in better)
+    changes = [change(run, Model(), Model().with_effect(one.name)) for one in candidates[:4]]
+    assert not any(one.helps for one in changes)
+    better = [one for one in changes if one.cross_validation_after < 0.985 * one.cross_validation_before]
+    assert all(one.after.model.terms[-1].effect.searched for one in better)
     result = fit(synthetic_run(12, noise=SIGMA)[0])
     assert abs(cross_validation_rms(result) / SIGMA - 1) < 0.15
 
@@ -166,8 +166,8 @@ def test_the_same_run_has_the_same_answer_whatever_was_asked_before():
     verdict = judge(run)
     other = diagnose(run)
     assert one is not other and verdict == one.verdict == other.verdict
-    assert one.explanations == other.explanations and one.claims == other.claims
-    assert [(c.effect, c.p) for c in one.candidates] == [(c.effect, c.p) for c in other.candidates]
+    assert one.explanations == other.explanations and one.claimed == other.claimed
+    assert [(c.name, c.p) for c in one.candidates] == [(c.name, c.p) for c in other.candidates]
 
 
 def warm_drift(seed, size):
@@ -190,7 +190,7 @@ def test_two_effects_are_found_together():
     for size in (1.6e-6, 2.4e-6):  # the drift may stay a course in time without a name
         found = find(warm_drift(5, size))
         drift = 'frame_drift' in found.missing or [one.motion for one in found.unnamed if frozenset({'time'})
-                                                   in one.alternatives] == ['frame along x, y and z']
+                                                   in one.driven_by] == ['frame along x, y and z']
         assert 'frame_temperature' in found.missing and drift, (found.missing, unexplained_words(found.verdict))
 
 
@@ -200,7 +200,7 @@ def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
 
     run = machine_run(n=8)
     whole = diagnose(run)
-    name = whole.candidates[-1].effect
+    name = whole.candidates[-1].name
 
     def refused(search, members):
         if any(member.name == name for member in members):
@@ -208,10 +208,10 @@ def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
         return fitted(search, members)
 
     monkeypatch.setattr(RunSearch, 'with_members', refused)
-    search_of.cache_clear()
+    known_of.cache_clear()
     found = diagnose(run)
     assert (name, 'its fit to these readings does not converge') in found.unavailable
-    assert {one.effect for one in found.candidates} == {one.effect for one in whole.candidates} - {name}
+    assert {one.name for one in found.candidates} == {one.name for one in whole.candidates} - {name}
 
 
 def test_comparison_says_where_it_fails():

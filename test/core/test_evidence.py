@@ -151,9 +151,9 @@ def test_probabilities_count_every_hypothesis():
     evidence = {((), ()): 0.0, (('frame_step',), ()): 5.0, (('frame_drift',), ()): 4.5, (('time',), ('wander',)): 2.0}
     posterior = Posterior({key: (value, ()) for key, value in evidence.items()})
     assert sum(posterior.p.values()) == pytest.approx(1)
-    claim, = posterior.claims
-    assert (claim.name, claim.alike) == ('frame_step', ('frame_drift',))
-    assert claim.together == pytest.approx(claim.probability + posterior.of('frame_drift'))
+    claim, = posterior.named.values()
+    assert (claim.name, claim.look_alikes) == ('frame_step', ('frame_drift',))
+    assert claim.together == pytest.approx(claim.is_there + posterior.of('frame_drift'))
     assert posterior.unnamed == pytest.approx(np.exp(2) / sum(np.exp(list(evidence.values()))))
 
 

@@ -152,7 +152,7 @@ def test_a_foreign_shape_has_no_name():
     wrong = {}
     for kind, (displacement, variables, motion) in FOREIGN.items():
         found = find(measured(displacement, 'diagonal' if kind == 'a plate that swings once' else 'random', 40.0))
-        told = {(one.alternatives, one.motion) for one in found.unnamed}
+        told = {(one.driven_by, one.motion) for one in found.unnamed}
         if (found.missing or len(told) != 1 or found.verdict.outcome != Outcome.UNNAMED
                 or not any(frozenset(variables) in sets and along == motion for sets, along in told)
                 or (kind == 'a ball that wanders' and not found.unnamed[0].setting['of'].startswith('ball 6 '))):

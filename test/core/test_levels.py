@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.diagnosis.diagnosis import Unnamed, find
-from rosette_ros.core.diagnosis.posterior import Posterior, motion_of
-from rosette_ros.core.diagnosis.verdict import Level, MissingEffect, Outcome, decide
+from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
+from rosette_ros.core.diagnosis.diagnosis import find
+from rosette_ros.core.diagnosis.levels import causes_of, motion_of
+from rosette_ros.core.diagnosis.posterior import Posterior
+from rosette_ros.core.diagnosis.verdict import Level, Outcome, decide, facts_of
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
@@ -26,6 +28,12 @@ def found_in(order, *hidden):
     """Return the Finding of a run of 8 balls of the machine that hides effects."""
     config = MachineConfig().changed(seed=1, plate={'balls': 8}, hidden=list(hidden))
     return find(Machine(config).run(plan(8, order, 1)))
+
+
+def unnamed(probability):
+    """Return a motion without a name."""
+    cause = Cause((), ('plate growing',), (('time',),), probability)
+    return MissingEffect('free', Setting(of='time', along='plate growing'), cause=cause, together=probability)
 
 
 def place_of(run, name, **setting):
@@ -64,7 +72,7 @@ def test_two_laws_that_another_one_replaces_are_one_cause():
     both, other = (('frame_drift', 'frame_warmup', 'plate_warp'), ()), (('frame_drift_curved', 'plate_warp'), ())
     looked = {both: (5.0, (drift, warm, warp)), other: (4.5, (curved, warp)), ((), ()): (0.0, ())}
     said = {place: motion_of(run, place) for place in (drift, warm, warp)}
-    frame, plate = Posterior(looked).causes(run, said)
+    frame, plate = causes_of(Posterior(looked), run, said)
     assert (frame.bodies, plate.bodies) == (('frame',), ('plate',))
     assert frame.names == ('frame_drift', 'frame_warmup') and plate.names == ('plate_warp',)
     weight = np.exp([5.0, 4.5, 0.0])
@@ -72,7 +80,7 @@ def test_two_laws_that_another_one_replaces_are_one_cause():
                                 ('frame_drift_curved',): pytest.approx(weight[1] / weight.sum())}
     assert frame.probability == plate.probability == pytest.approx(weight[:2].sum() / weight.sum())
     looked[other] = 1.0, (curved, warp)
-    assert [one.names for one in Posterior(looked).causes(run, said)] == [
+    assert [one.names for one in causes_of(Posterior(looked), run, said)] == [
         ('frame_drift',), ('frame_warmup',), ('plate_warp',)]
 
 
@@ -98,20 +106,21 @@ def test_what_moves_the_balls_alike_is_told_together():
 def test_what_is_less_than_sure_is_suspected():
     """Below 90 %: in doubt, with a name or without; beside something that is sure, it is what that is."""
     found = found_in('sensitive', DRIFT)
-    claim, cause = replace(found.claims[0], together=0.8), replace(found.causes[0], probability=0.8)
-    one = Unnamed((frozenset(['time']),), 'plate growing', Setting(of='time'), 0.8)
+    effect, = found.verdict.missing
+    doubted = replace(effect, together=0.8, cause=replace(effect.cause, probability=0.8))
+    one = unnamed(0.8)
 
-    def outcome(*unnamed, claims=(), causes=(), missing=()):
-        final = found.final if missing else found.fit
-        return decide(found.fit, final, missing, unnamed, claims, causes).outcome
+    def outcome(*unnamed, missing=()):
+        return decide(replace(facts_of(found.fit, found.final if missing else found.fit), missing=missing,
+                              unnamed=unnamed)).outcome
 
-    named = {'claims': [claim], 'causes': [cause], 'missing': found.missing}
     assert found.verdict.outcome == Outcome.NAMED
-    assert outcome(**named) == outcome(one) == outcome(one, **named) == Outcome.SUSPECTED
-    surer = replace(one, probability=0.95)
-    assert outcome(surer) == outcome(surer, **named) == Outcome.UNNAMED
-    assert outcome(one, **{**named, 'causes': [replace(cause, probability=0.95)]}) == Outcome.NAMED
-    verdict = decide(found.fit, found.fit, unnamed=[one])
+    assert outcome(missing=(doubted,)) == outcome(one) == outcome(one, missing=(doubted,)) == Outcome.SUSPECTED
+    surer = unnamed(0.95)
+    assert outcome(surer) == outcome(surer, missing=(doubted,)) == Outcome.UNNAMED
+    sure = replace(doubted, cause=replace(doubted.cause, probability=0.95))
+    assert outcome(one, missing=(sure,)) == Outcome.NAMED
+    verdict = decide(replace(facts_of(found.fit, found.fit), unnamed=(one,)))
     assert verdict.level == Level.DOUBTFUL and verdict.model_fails
 
 
@@ -161,7 +170,7 @@ def test_a_plate_that_warps_moves_by_ball_and_time():
     """The saddle lies in the plate: no ball moves as another one does."""
     run = planned_run(plan(8, 'interleaved', 1), 0.1825)
     warp = motion_of(run, place_of(run, 'plate_warp'))
-    assert warp.own == {'ball', 'time'} and 'travel' in warp.standing['time'] and not warp.standing['ball']
+    assert warp.own == {'ball', 'time'} and 'travel' in warp.standing('time') and not warp.standing('ball')
 
 
 def test_what_moves_by_a_constant_amount_is_said_so():
@@ -172,7 +181,7 @@ def test_what_moves_by_a_constant_amount_is_said_so():
     looked = {(('ball_machine_offset',), ()): (5.0, (stem,)), (('ball_slip',), ()): (4.5, (slip,)), ((), ()): (0.0, ())}
     weight = np.exp([5.0, 4.5, 0.0])
     for place, own in ((stem, weight[0]), (slip, weight[1])):
-        cause, = Posterior(looked).causes(run, {place: motion_of(run, place)})
+        cause, = causes_of(Posterior(looked), run, {place: motion_of(run, place)})
         assert dict(cause.laws)[cause.names] == pytest.approx(own / weight.sum())
         other = 'with time' if place is stem else 'by a constant amount'
         missing = MissingEffect(place[0].name, place[1], cause=cause)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.diagnosis.effect_settings import choose_settings, moments_of
+from rosette_ros.core.diagnosis.effect_settings import choose_settings
+from rosette_ros.core.diagnosis.moments import moments_of
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import fit

@@ -6,13 +6,13 @@ import pytest
 from dense_space import DenseSpace, design
 from synthetic import synthetic_run
 
-from rosette_ros.core.diagnosis.diagnosis import search_of
+from rosette_ros.core.diagnosis.diagnosis import known_of, search_of
+from rosette_ros.core.diagnosis.posterior import Explanation
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.block_ways import BlockWay, continued, ways, with_block
 from rosette_ros.core.planning.next_readings import (
-    Contender,
     SettlingStep,
     in_doubt,
     leading,
@@ -134,7 +134,7 @@ def test_a_block_settles_warm_up_against_drift_along_a_curve():
     factor = 12 * SIGMA / np.linalg.norm(way - way.mean(axis=0))
     truth = synthetic_run(6, 'sensitive', 1)[0]
     found = next_readings(run, readings=8)
-    assert {found.separates.first.names, found.separates.second.names} == {('frame_drift_curved',), (WARM_UP,)}
+    assert {found.separates.first.members, found.separates.second.members} == {('frame_drift_curved',), (WARM_UP,)}
     assert found.separates.expected > found.separates.now and found.gain > 0
     assert open_words(found).startswith('non-linear probe drift or warm-up of the machine, ')
     assert ' are expected to separate non-linear probe drift from warm-up of the machine: ' in next_words(found)[1]
@@ -149,7 +149,7 @@ def test_a_block_settles_warm_up_against_drift_along_a_curve():
         centre = true + factor * shift + SIGMA * rng.standard_normal(true.shape)
         run = longer.replace(centre=np.concatenate([run.centre, centre]))
         found = next_readings(run, readings=8)
-    assert found.is_settled and found.contenders[0].names == (WARM_UP,)
+    assert found.is_settled and found.contenders[0].members == (WARM_UP,)
     assert next_words(found)[1] == 'Nothing more has to be measured.'
 
 
@@ -157,7 +157,7 @@ def test_the_same_run_gives_the_same_block_and_a_refused_one_never():
     """A replay gives the same blocks; where the CMM refuses one, the next best is given."""
     run = warming()
     first = next_readings(run, readings=6)
-    search_of.cache_clear()
+    known_of.cache_clear()
     again = next_readings(run, readings=6)
     other = next_readings(run, readings=6, refused=[first.targets])
     assert as_rows(first.targets) == as_rows(again.targets) != as_rows(other.targets)
@@ -173,7 +173,7 @@ def test_a_sound_run_is_settled():
     """Where no name has a chance of more than 5 %, nothing more is measured; until U is reached, if one is wanted."""
     run = synthetic_run(6, 'sensitive', 1, noise=SIGMA, repeatability=SIGMA)[0]
     found = next_readings(run)
-    assert found.is_settled and found.targets is None and found.contenders[0].names == ()
+    assert found.is_settled and found.targets is None and found.contenders[0].members == ()
     wanted = standing(run, uncertainty=0.5 * found.uncertainty)
     assert not wanted.is_settled and wanted.separates is None
     assert open_words(wanted) == f'U is {1e6 * found.uncertainty:.3g} µm'
@@ -210,10 +210,10 @@ def test_what_no_reading_tells_apart_is_said_at_once(monkeypatch):
 
 def test_what_is_in_doubt():
     """The name whose probability is nearest to a half, and the likeliest explanation that differs in it."""
-    some = [Contender(('a', 'b'), 0.5), Contender(('a',), 0.3), Contender(('a', 'c'), 0.15), Contender((), 0.05)]
+    some = [Explanation(names, p) for names, p in ((('a', 'b'), 0.5), (('a',), 0.3), (('a', 'c'), 0.15), ((), 0.05))]
     pair = in_doubt(some, 0.9)
     assert (pair.first, pair.second) == (some[0], some[1]) and pair.now == 0.625
-    assert in_doubt([Contender(('a',), 0.97), Contender((), 0.03)], 0.95) is None
+    assert in_doubt([Explanation(('a',), 0.97), Explanation((), 0.03)], 0.95) is None
 
 
 def test_expected_odds():
@@ -260,8 +260,8 @@ def test_ways_see_what_the_run_saw():
 
 def test_the_leading_explanations_of_a_run():
     """Those that were the likeliest at any step, each with its probability at every one."""
-    steps = [SettlingStep(36, (Contender(('a',), 0.6), Contender(('b',), 0.3), Contender(('c',), 0.05)), 1e-7),
-             SettlingStep(48, (Contender(('b',), 0.9), Contender(('a',), 0.1)), 9e-8)]
+    steps = [SettlingStep(36, (Explanation(('a',), 0.6), Explanation(('b',), 0.3), Explanation(('c',), 0.05)), 1e-7),
+             SettlingStep(48, (Explanation(('b',), 0.9), Explanation(('a',), 0.1)), 9e-8)]
     assert leading(steps, 2) == {('b',): [0.3, 0.9], ('a',): [0.6, 0.1]}
 
 
@@ -270,4 +270,4 @@ def test_steps_are_what_was_known_then():
     run = synthetic_run(6, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
     first, second = steps_of(run, None, (30, 36))
     assert (first.readings, second.readings) == (30, 36) and first.uncertainty > second.uncertainty
-    assert second.contenders[0].names == ()
+    assert second.contenders[0].members == ()

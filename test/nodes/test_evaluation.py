@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 from rosette_msgs.srv import AddEffect
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.diagnosis.verdict import noise_facts
+from rosette_ros.core.diagnosis.noise_facts import noise_facts
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.run.errors import InvalidData, InvalidModel, NotDeterminable
@@ -169,9 +169,9 @@ def test_diagnosis_becomes_a_message(in_use, drifting):
     assert noise.axes.tolist() == noise.factors.tolist() * 3 == [1.0, 1.0, 1.0] and noise.wander.tolist() == [0, 0, 0]
     assert (noise.by, noise.tail, noise.tail_dof, noise.memory, noise.resolution) == ('', '', np.inf, 0.0, 0.0)
     for sent, entry in zip(message.candidates, found.candidates, strict=True):
-        assert (sent.effect, sent.p, sent.delta_bic) == (entry.effect, entry.p, entry.delta_bic)
-        assert (sent.held_out_rms_before, sent.held_out_rms_after) == (
-            entry.cross_validation_before, entry.cross_validation_after)
+        assert (sent.effect, sent.p, sent.visible_fraction) == (entry.name, entry.p, entry.visible_fraction)
+        assert (sent.rms_before, sent.rms_after) == (entry.before, entry.after)
+        assert np.isnan([sent.held_out_rms_before, sent.held_out_rms_after, sent.delta_bic]).all()
         assert sent.parameters.u.tolist() == [one.u for one in entry.parameters]
         assert sent.look_alikes == list(entry.look_alikes)
 

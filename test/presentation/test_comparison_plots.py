@@ -37,8 +37,8 @@ def test_ladder_shows_fit_and_cross_validation_beside_the_repeatability():
 def test_candidates_go_from_before_to_after():
     """Claimed ones have a look of their own."""
     made = comparison_plots.candidates([
-        record(effect='a', cross_validation_before=3e-7, cross_validation_after=1e-7, claimed=True),
-        record(effect='b', cross_validation_before=1e-7, cross_validation_after=1.1e-7, claimed=False)], 1e-7)
+        record(name='a', before=3e-7, after=1e-7, claimed=True),
+        record(name='b', before=1e-7, after=1.1e-7, claimed=False)], 1e-7)
     lines = {line.get_label(): line for line in made.axes[0].lines}
     assert lines['without it'].get_xdata() == pytest.approx([0.3, 0.1])
     assert lines['with it: identified'].get_xdata() == pytest.approx([0.1])

@@ -19,7 +19,6 @@ from rosette_ros.presentation.tables import bars, effects, size_words, tables_of
 CURVES = {'ctx': 'm', 'cty': 'm', 'ctz': 'm', 'crx': 'rad', 'cry': 'rad', 'crz': 'rad'}
 WITH_UNIT = re.compile(r'_(um|urad|deg|s|C|si|sigma|in_unit|per_um)$')
 PURE = re.compile(r'^(p|probability|reading|table_position|ball|cmm_position|number|visible_fraction.*|rank|dof|runs|'
-                  r'delta_bic|'
                   r'reduced_chi_square|typical_visible_fraction|recommended_order_visible_fraction|value|'
                   r'expanded_uncertainty|group|by|share|weight|worst_share|held_out_change)$')
 """Numbers without a unit; what has its unit beside it in the row; names."""
@@ -73,8 +72,8 @@ def test_candidates_are_those_of_the_diagnosis():
     assert [row['effect'] for row in found] == [one['effect'] for one in wanted]
     assert [row['claimed'] == 'yes' for row in found] == [one['claimed'] for one in wanted]
     assert [float(row['p']) for row in found] == [one['p'] for one in wanted]
-    assert [float(row['held_out_rms_after_um']) for row in found] == pytest.approx(
-        [1e6 * one['held_out_rms_after_m'] for one in wanted], rel=1e-14)
+    assert [float(row['rms_after_um']) for row in found] == pytest.approx(
+        [1e6 * one['rms_after_m'] for one in wanted], rel=1e-14)
 
 
 def test_residuals_are_all_there_before_and_after():

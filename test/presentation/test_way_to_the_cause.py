@@ -4,15 +4,17 @@
 from figure_texts import faults, texts_of
 from summaries import summary_of
 
-from rosette_ros.core.planning.next_readings import Contender, SettlingStep
+from rosette_ros.core.diagnosis.posterior import Explanation
+from rosette_ros.core.planning.next_readings import SettlingStep
 from rosette_ros.presentation.plots.plan_plots import way_to_the_cause
 from rosette_ros.presentation.report import Source, report_html
 
 
 def test_every_text_can_be_read():
     """The leading explanations by their titles, the limit, U."""
-    steps = [SettlingStep(144, (Contender(('frame_drift',), 0.5), Contender(('frame_warmup', 'plate_expansion'), 0.4),
-                        Contender((), 0.1)), 1e-7), SettlingStep(156, (Contender(('frame_drift',), 0.97),), 9e-8)]
+    steps = [SettlingStep(144, (
+        Explanation(('frame_drift',), 0.5), Explanation(('frame_warmup', 'plate_expansion'), 0.4), Explanation((), 0.1),
+    ), 1e-7), SettlingStep(156, (Explanation(('frame_drift',), 0.97),), 9e-8)]
     made = way_to_the_cause(steps, 0.95)
     assert faults(made) == []
     texts = [text for text, _, _ in texts_of(made)]

@@ -7,9 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from rosette_ros.core.diagnosis.diagnosis import Unnamed
-from rosette_ros.core.diagnosis.posterior import Cause
-from rosette_ros.core.diagnosis.verdict import Interval, MissingEffect, Outcome, Residual, Verdict
+from rosette_ros.core.diagnosis.cause import Cause, Interval, MissingEffect
+from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import Parameter
@@ -50,7 +49,9 @@ BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0
 
 def unnamed(motion, *alternatives, of='time'):
     """Return something without a name."""
-    return Unnamed(tuple(map(frozenset, alternatives)), motion, Setting(of=of, kind='slow', along=motion), 0.97)
+    first, *others = map(tuple, alternatives)
+    found = Cause((), (motion,), tuple((one,) for one in first), 0.97, or_with=tuple(others))
+    return MissingEffect('free', Setting(of=of, kind='slow', along=motion), cause=found, together=0.97)
 
 
 def test_what_has_no_name_is_said_by_body_and_variable():
@@ -73,7 +74,7 @@ def cause(bodies, variables, probability, laws, is_certain=False):
     """Return what moves with what; laws: title of a law, its names joined by ' + ', and its probability."""
     found = tuple((tuple(filter(None, law.split(' + '))), p) for law, p in laws.items())
     places = tuple((SimpleNamespace(name=name, is_free=False), Setting()) for name in found[0][0])
-    return Cause(places, frozenset(bodies.split(' and ')), variables, probability, found, is_certain)
+    return Cause(places, tuple(bodies.split(' and ')), variables, probability, found, is_certain)
 
 
 def slip():
@@ -105,15 +106,15 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     (MissingEffect('outlier', Setting(reading=48), {}, cause(
         'reading 48', (('reading',),), 0.97, {'outlier': 0.97}, is_certain=True)),
      'single wrong reading, reading 48 (97 %)'),
-    (MissingEffect('frame_drift', {}, {}, cause(
+    (MissingEffect('frame_drift', Setting(), {}, cause(
         'frame', ALIKE, 0.99, {'frame_drift': 0.61, 'frame_warmup': 0.36, 'frame_step': 0.01})),
      'the probe moves with time (99 %), most '
      'likely linear probe drift (61 %), warm-up of the machine (36 %)'),
-    (MissingEffect('frame_drift', {}, {}, cause('frame', (('time', 'travel'),), 0.99, {
+    (MissingEffect('frame_drift', Setting(), {}, cause('frame', (('time', 'travel'),), 0.99, {
         'frame_drift + frame_cycle': 0.8, '': 0.19})),
      'the probe moves with time (99 %), most likely linear probe drift '
      'and periodic drift of the machine (80 %), no law of the library (19 %)'),
-    (MissingEffect('frame_drift', {}, {}, cause('frame', ALIKE, 0.5, {'frame_drift': 0.5}),
+    (MissingEffect('frame_drift', Setting(), {}, cause('frame', ALIKE, 0.5, {'frame_drift': 0.5}),
                    (('table_zero_drift', 0.42),), 0.92),
      'linear probe drift (50 %), or angular drift of the table (42 %)')])
 def test_what_is_missing_is_said_as_far_as_it_is_known(one, wanted):

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.model.least_squares import Fit, fit
-from rosette_ros.core.model.noise import AXES, places
+from rosette_ros.core.model.noise import places
 from rosette_ros.core.run.errors import NotDeterminable
-from rosette_ros.core.run.records import Floats, Ints, remove_gauge
+from rosette_ros.core.run.records import UNLIKELY, Floats, Ints, remove_gauge
 from rosette_ros.core.sight.bank import Reals
 
 DRAWS = 400
@@ -59,23 +58,11 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False)
-class Harmonic:
-    """A line of the residual's spectrum that stands out: waves per turn of table and of CMM position, amplitude, m."""
-
-    axis: str
-    table_waves: int
-    cmm_waves: int
-    amplitude: float
-    share: float
-
-
-@dataclass(frozen=True, eq=False)
 class Comparison:
     """Where a model leaves a residual: by axis, table position, ball, CMM position, time and sequence.
 
     axis_rms: (3,) m; sizes: (N,) residual of each reading, rms over the axes, m, scaled as of Grouping; neighbour_p:
-    probability that noise leaves neighbours in time as alike; worst: readings, worst first; harmonics: strongest lines
-    on complete runs.
+    probability that noise leaves neighbours in time as alike; worst: readings, worst first.
     """
 
     fit: Fit
@@ -85,7 +72,6 @@ class Comparison:
     neighbour_correlation: float
     neighbour_p: float
     worst: tuple[Reading, ...]
-    harmonics: tuple[Harmonic, ...]
 
     @property
     def distinct(self) -> tuple[Grouping, ...]:
@@ -114,8 +100,7 @@ def compare(fitted: Fit, seed: int = 0) -> Comparison:
     if not whitening.is_plain:
         axis_rms = axis_rms * np.sqrt(np.mean(whitening.inverse(white)**2, axis=(0, 1)))
     sizes = np.sqrt(np.mean(residual**2 / np.maximum(expected, 1e-12), axis=1))
-    return Comparison(fitted, axis_rms, sizes, groupings, correlation, neighbour_p, _worst(fitted, noise, expected),
-                      _harmonics(fitted))
+    return Comparison(fitted, axis_rms, sizes, groupings, correlation, neighbour_p, _worst(fitted, noise, expected))
 
 
 def _sums(index: Ints, count: int, values: Reals) -> Floats:
@@ -175,24 +160,3 @@ def _change_without(fitted: Fit, reading: int) -> tuple[float, ...] | None:
         return None
     change = remove_gauge(rest.error_motions.values) - remove_gauge(fitted.error_motions.values)
     return tuple(np.abs(change).max(axis=0).tolist())
-
-
-def _harmonics(fit: Fit) -> tuple[Harmonic, ...]:
-    run, n = fit.run, fit.run.n
-    if not run.is_complete:
-        return ()
-    grid, total = np.zeros((n, n, 3)), np.sum(fit.residual**2)
-    grid[run.table_position - 1, run.cmm_position - 1] = fit.residual
-    lines = []
-    for axis in range(3):
-        spectrum = np.fft.fft2(grid[..., axis]) / n**2
-        for p in range(n // 2 + 1):
-            for q in range(n):
-                mirror = (-p % n, -q % n)
-                if (p, q) > mirror:
-                    continue
-                both = 1 if (p, q) == mirror else 2
-                power = abs(spectrum[p, q])**2 * both
-                lines.append(Harmonic(AXES[axis], p, q if q <= n // 2 else q - n, float(abs(spectrum[p, q]) * both),
-                                      float(power * n**2 / total) if total else 0.0))
-    return tuple(sorted(lines, key=lambda line: -line.share)[:10])

@@ -7,10 +7,8 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.hypotheses import refined
 from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, State
-from rosette_ros.core.diagnosis.verdict import Interval
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.run_functions import around, beside, seconds
-from rosette_ros.core.model.least_squares import Fit, JointSpace, fit, refused_as_hidden
+from rosette_ros.core.model.least_squares import Fit, fit, refused_as_hidden
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
@@ -20,10 +18,6 @@ from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace
 
 RELINEARISED = 4
 """How often a search is made again with the second-order terms of what it found."""
-NEAR = 60
-"""So many gaps between readings to either side are asked whether a moment lies there."""
-SURELY = 0.95
-"""Probability of the interval in which a moment lies."""
 IN_TURN = 2
 """How often each of several effects is searched again beside the others."""
 
@@ -97,37 +91,6 @@ def _best(evidence: Evidence, others: Sequence[Member], place: int, term: Term) 
         return None
     member = evidence.member(offer.family, offer.setting, 0.0)
     return refined(evidence, member, lambda one: state.fall(one.rows), term.fixed)
-
-
-def moments_of(fitted: Fit, place: int) -> dict[str, Interval]:
-    """Return where each instant of an effect lies: in the fewest gaps between readings in a row that have 95 %.
-
-        p(gap) ~ exp(f / (2 sigma^2)),    f: fall of the square sum by the effect with the instant in the gap
-
-    place: of the effect in the fit, whose other effects and settings stay as they are."""
-    run, effect, own = fitted.run, fitted.model.terms[place].effect, fitted.effects[place]
-    ends = np.cumsum([one.effect.width(run, found.setting) for one, found in zip(fitted.model.terms, fitted.effects)])
-    others = JointSpace(fitted.joint.space, np.delete(fitted.joint.columns, slice(*np.append(0, ends)[place:place + 2]),
-                                                      axis=0), fitted.joint.columns[:0])
-    left, out = others.residual((fitted.residual + own.displacement)[None]).reshape(-1), {}
-    for name, times in effect.moments(run, own.setting).items():
-        middle = beside(0.5 * (times[1:] + times[:-1]), own.setting.number(name), NEAR)
-        every = [Setting({**own.setting, name: float(one)}) for one in middle]
-        kept = [one for one in every if 't1' not in one or one.number('t0') < one.number('t1')]
-        rows = np.asarray(effect.blocks(run, kept))
-        rows = others.residual(rows.reshape(-1, run.size, 3)).reshape(*rows.shape[:2], -1)
-        shown = rows @ left
-        fall = np.einsum('bi,bij,bj->b', shown, np.linalg.pinv(rows @ rows.swapaxes(1, 2), hermitian=True), shown)
-        p = np.exp((fall - fall.max()) / (2 * max(fitted.sigma, 1e-15)**2))
-        p /= p.sum()
-        low = high = int(p.argmax())
-        while p[low:high + 1].sum() < SURELY:
-            lower = high + 1 == p.size or (low > 0 and p[low - 1] >= p[high + 1])
-            low, high = (low - 1, high) if lower else (low, high + 1)
-        begin, end = around(times, kept[low].number(name))[0], around(times, kept[high].number(name))[1]
-        out[name] = Interval(begin, end, int(np.sum(seconds(run) <= begin)), int(np.sum(seconds(run) < end)) + 1,
-                           float(p[low:high + 1].sum()))
-    return out
 
 
 def _check_choices(run: Run, term: Term) -> None:

@@ -3,7 +3,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,15 +22,6 @@ MOST = 4
 """Searches beside that in white noise."""
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """What a run is explained by: all probabilities, the State of the best hypothesis, and the noise of that."""
-
-    posterior: Posterior
-    state: State
-    noise: Noise
-
-
 def noise_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | None = None) -> NoiseKinds:
     """Return the kinds of noise beside the effects of a fit in white noise and further members.
 
@@ -46,8 +36,8 @@ def noise_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | N
     return NoiseKinds(beside, fitted.model.noise, variance)
 
 
-def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choice:
-    """Return the Choice for a run; white: the search in white noise of a fit; under: makes that in another noise."""
+def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Posterior:
+    """Return the Posterior of a run; white: the search in white noise of a fit; under: makes that in another noise."""
     grown, scale = white.grown, white.evidence.scale
     alone = noise_beside(fitted, (), scale).found(max(LEAST, grown.log_evidence - NEAR))
     best = white.best if alone[0].log_evidence < grown.log_evidence + NEAR else grown  # noise has no better members
@@ -84,6 +74,6 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
             take(search, one.kinds, one.noise, base.log_evidence + one.log_evidence - here.log_evidence)
             if own.names not in (base.names, best.names) and (own.names, one.kinds) not in tried:
                 waiting.append(own.members)
-    posterior = Posterior(looked)
-    search, noise = sources[posterior.best]
-    return Choice(posterior, search.state(posterior.best[0]), noise)
+    best_key = Posterior(looked).best
+    search, noise = sources[best_key]
+    return Posterior(looked, search.state(best_key[0]), noise, fitted.beyond)

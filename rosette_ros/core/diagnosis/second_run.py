@@ -18,12 +18,11 @@ from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, noise_beside
-from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.core.run.records import Floats, Run
+from rosette_ros.core.run.records import UNLIKELY, Floats, Run
 from rosette_ros.core.sight.bank import CauseFamily, columns_of
 from rosette_ros.core.sight.visibility import DETECTABLE
 

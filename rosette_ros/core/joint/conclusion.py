@@ -4,8 +4,9 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
+from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.run.records import UNLIKELY
 from rosette_ros.core.uncertainty.stated_environment import Unseen
 
 

@@ -35,8 +35,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.diagnosis.diagnosis import RunSearch, search_of
-from rosette_ros.core.diagnosis.posterior import HEARD, Posterior
+from rosette_ros.core.diagnosis.diagnosis import search_of
+from rosette_ros.core.diagnosis.limits import HEARD
+from rosette_ros.core.diagnosis.posterior import Explanation, Posterior
+from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
@@ -66,21 +68,12 @@ FINALISTS = 2
 
 
 @dataclass(frozen=True)
-class Contender:
-    """An explanation by the names of its members, sorted, those of a motion without a name being its variables, none
-    where nothing is missing; its probability over all kinds of noise."""
-
-    names: tuple[str, ...]
-    probability: float
-
-
-@dataclass(frozen=True)
 class Separation:
     """Two explanations that are in doubt; expected: the probability, of these two, that readings are
     expected to give the first if it is true."""
 
-    first: Contender
-    second: Contender
+    first: Explanation
+    second: Explanation
     expected: float
 
     @property
@@ -102,7 +95,7 @@ class NextReadings:
     after the block, m; is_hopeless: whether it is not settled and as many readings again would not settle it.
     """
 
-    contenders: tuple[Contender, ...]
+    contenders: tuple[Explanation, ...]
     uncertainty: float
     is_settled: bool
     targets: Scheme | None = None
@@ -148,7 +141,7 @@ class SettlingStep:
     """What was known after so many readings of a run: its explanations, the likeliest first, and U, m."""
 
     readings: int
-    contenders: tuple[Contender, ...]
+    contenders: tuple[Explanation, ...]
     uncertainty: float
 
 
@@ -166,7 +159,7 @@ def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[Settl
 def leading(steps: Sequence[SettlingStep], most: int = LEADING) -> dict[tuple[str, ...], list[float]]:
     """Return the probabilities, step by step, of the explanations that were ever the likeliest ones, by their names;
     most: so many, those of the largest probability at any step."""
-    found = [{one.names: one.probability for one in step.contenders} for step in steps]
+    found = [{one.members: one.probability for one in step.contenders} for step in steps]
     top = Counter[tuple[str, ...]]()
     for step in found:
         top.update({names: p - top[names] for names, p in step.items() if p > top[names]})
@@ -182,8 +175,8 @@ def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace, 
     likely = list(dict.fromkeys(likely))[:MOST]
     p = np.array([one.probability for one in likely])
     p /= p.sum()
-    predictor = Predictor(search, [members_of(search.posterior, one.names) for one in likely], p)
-    need = _needed(found.contenders, [frozenset(one.names) for one in likely], until)
+    predictor = Predictor(search, [members_of(search.posterior, one.members) for one in likely], p)
+    need = _needed(found.contenders, [frozenset(one.members) for one in likely], until)
     guessed = sorted((_guessed(predictor, way, need, readings, pace) for way in ways(run)), key=lambda one: -one[0])
     doubt, made = float((p[:, None] * p)[~np.isnan(need)].sum()), []
     for wait in dict.fromkeys(block.wait[0] for _, block in guessed):
@@ -203,7 +196,7 @@ def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace, 
     return replace(found, targets=block, gain=float(information(p, square)), duration=duration, separates=pair)
 
 
-def _needed(contenders: Sequence[Contender], likely: Sequence[frozenset[str]], until: float) -> Floats:
+def _needed(contenders: Sequence[Explanation], likely: Sequence[frozenset[str]], until: float) -> Floats:
     """Return the log odds that each of some explanations, by their names, would still need against each other one if it
     were true, (m, m), nan where they differ in no name that is in doubt."""
     wanted, need = special.logit(until), np.full((len(likely),) * 2, np.nan)
@@ -272,23 +265,23 @@ def _taken(scheme: Scheme, some: Ints, wait: Floats) -> Scheme:
         'table_position', 'ball', 'approach', 'touches', 'session')}, wait=wait)
 
 
-def contenders_of(posterior: Posterior) -> tuple[Contender, ...]:
+def contenders_of(posterior: Posterior) -> tuple[Explanation, ...]:
     """Return the explanations of a run, whatever the kind of noise, the likeliest first."""
     out: dict[tuple[str, ...], float] = {}
     for (names, _), p in posterior.p.items():
         out[names] = out.get(names, 0.0) + p
-    return tuple(Contender(names, p) for names, p in sorted(out.items(), key=lambda one: -one[1]))
+    return tuple(Explanation(names, p) for names, p in sorted(out.items(), key=lambda one: -one[1]))
 
 
-def in_names(contenders: Sequence[Contender]) -> dict[str, float]:
+def in_names(contenders: Sequence[Explanation]) -> dict[str, float]:
     """Return the probability that each name is there."""
     p = Counter[str]()
     for one in contenders:
-        p.update(dict.fromkeys(one.names, one.probability))
+        p.update(dict.fromkeys(one.members, one.probability))
     return dict(p)
 
 
-def in_doubt(contenders: Sequence[Contender], until: float) -> Separation | None:
+def in_doubt(contenders: Sequence[Explanation], until: float) -> Separation | None:
     """Return the likeliest explanation and the likeliest one that lacks, or has, the name that is most in doubt.
 
     None where every name has a probability of `until` at least, or of 1 - until at most."""
@@ -297,7 +290,7 @@ def in_doubt(contenders: Sequence[Contender], until: float) -> Separation | None
     if not open_names:
         return None
     name = min(open_names, key=lambda each: abs(p[each] - 0.5))
-    return Separation(best, next(one for one in contenders if (name in one.names) != (name in best.names)), until)
+    return Separation(best, next(one for one in contenders if (name in one.members) != (name in best.members)), until)
 
 
 def expanded(fit: Fit) -> float:

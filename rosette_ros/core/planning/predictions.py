@@ -39,9 +39,9 @@ from itertools import combinations, pairwise
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.diagnosis.diagnosis import RunSearch
 from rosette_ros.core.diagnosis.log_evidence import SIZES
 from rosette_ros.core.diagnosis.posterior import Posterior
+from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.free import FREE, WALK
 from rosette_ros.core.model.least_squares import REFINED, Fit, observed

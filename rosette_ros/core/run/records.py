@@ -27,6 +27,16 @@ STEPS = tuple(digit * 10.0**power for power in range(-4, -10, -1) for digit in (
 """Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.2 mm ... 0.2 nm."""
 FEWEST_DIGITS = 6
 """So many coordinates that are whole numbers of steps are no chance."""
+UNLIKELY = 0.01
+"""Probability below which something is no chance, and a stated repeatability not believed: the readings scatter more
+than stated, and they, not the repeatability, state the uncertainties.
+
+The chi square test (F test where the repeatability has degrees of freedom) gives the probability that noise of the
+stated repeatability leaves as much. At 5 % one sound run of twenty would be refused, too many where a cell measures
+every day; at 1e-6 a repeatability stated a third too small would pass on a plate of 6 balls. At 1 % a run of 12 balls
+(301 degrees of freedom) is refused from 1.10 times the stated repeatability, one of 6 balls (49) from 1.24 times: where
+that is chance, U is too large by as much, which does less harm than a U of a repeatability that is refuted.
+"""
 
 _INTEGERS = ('table_position', 'ball', 'approach', 'session')
 _REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel', 'cmm_sense')

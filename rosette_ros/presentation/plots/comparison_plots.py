@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rosette_ros.analysis import LadderStep
-from rosette_ros.core.diagnosis.candidates import Candidate
+from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats
 from rosette_ros.core.sight.visibility import Visibility
@@ -63,11 +63,11 @@ def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof:
     return made
 
 
-def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure:
-    """Return a figure: how each candidate lowers the cross-validation residual, µm; noise: standard deviation, m."""
+def candidates(every: Sequence[MissingEffect], noise: float | None = None) -> Figure:
+    """Return a figure: how each candidate lowers the residual, µm; noise: standard deviation, m."""
     rows = np.arange(len(every))
-    before = np.array([1e6 * one.cross_validation_before for one in every])
-    after = np.array([1e6 * one.cross_validation_after for one in every])
+    before = np.array([1e6 * one.before for one in every])
+    after = np.array([1e6 * one.after for one in every])
     made, [[panel]] = style.figure(0.24 * len(every) + 0.5)
     panel.hlines(rows, np.minimum(before, after), np.maximum(before, after), color='#bbbbbb', linewidth=3)
     panel.plot(before, rows, linestyle='none', marker='o', markersize=6, color=style.BEFORE,
@@ -79,7 +79,7 @@ def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure
                        color=style.AFTER if chosen else style.GREY, label=label)
     if noise is not None:
         panel.axvline(1e6 * noise, color=style.INK, linewidth=1.4, linestyle=style.DASHED, label='repeatability')
-    _name_rows(panel, [one.effect for one in every], f'{text.CROSS_VALIDATION} in µm (rms)', None, len(every))
+    _name_rows(panel, [one.name for one in every], 'residual of a coordinate in µm (rms)', None, len(every))
     style.legend_of(made, [panel])
     return made
 

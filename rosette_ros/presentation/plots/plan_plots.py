@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rosette_ros.core.diagnosis.posterior import Explanation
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
-from rosette_ros.core.planning.next_readings import Contender, SettlingStep, leading
+from rosette_ros.core.planning.next_readings import SettlingStep, leading
 from rosette_ros.core.planning.plan_comparison import Outlook, Point, best_sets, point_of
 from rosette_ros.core.run.records import Ints, Run
 from rosette_ros.core.run.scheme import Scheme, cmm_position
@@ -132,7 +133,7 @@ def way_to_the_cause(steps: Sequence[SettlingStep], until: float) -> Figure:
     made, [[left, right]] = style.figure(2.6, 1, 2)
     readings = [step.readings for step in steps]
     for place, (names, p) in enumerate(leading(steps).items()):
-        words = contender_words(Contender(names, p[-1]))
+        words = contender_words(Explanation(names, p[-1]))
         left.plot(readings, p, linewidth=1.0, markersize=3, label=words, **style.look_of(place))
     if until:
         left.axhline(until, color=style.GREY, linewidth=1.0, linestyle=style.DASHED,

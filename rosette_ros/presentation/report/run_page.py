@@ -44,7 +44,7 @@ from rosette_ros.words.verdict_words import HEADLINES, title_of, verdict_text
 
 MOST_CANDIDATES, MOST_SHARES, MOST_WEAK = 8, 3, 5
 COLUMNS = {'causes': ('probability', 'does', 'rms_after_um', 'check'),  # the sentence says what moves, by which law
-           'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
+           'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'rms_after_um', 'look_alikes'),
            'spheres': ('ball', 'readings', 'radius_mm', 'form_um', 'largest_form_um', 'systematic_um', 'p', 'moved_um'),
            'visibility': ('title', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
                           'recommended_order_visible_fraction', 'recommended_order_detectable_rms_um', 'remark'),
@@ -84,7 +84,7 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         annexed=annexed, most_balls=MOST_BALLS,
         heading_fit='Where the model fails' if summary.verdict.model_fails else 'How well the model fits',
         elsewhere=[one.label for one in overlays if difference(one.motions, summary.fit.error_motions) is None],
-        others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
+        others=[one.name for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
 
 def touches_of(source: Source | None) -> tuple[SphereRefit | None, list[str]]:

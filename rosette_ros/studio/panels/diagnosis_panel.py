@@ -5,14 +5,14 @@ from collections.abc import Awaitable, Callable, Sequence
 
 from nicegui import ui
 
-from rosette_ros.core.diagnosis.candidates import Candidate
+from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Level, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.planning.next_readings import UNTIL, Contender, in_doubt
+from rosette_ros.core.planning.next_readings import UNTIL, in_doubt
 from rosette_ros.core.run.records import Run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
@@ -37,14 +37,14 @@ SECONDS_PER_READING = 0.004
 NEXT_BEST = 5
 """So many candidates that are not claimed are listed."""
 OF_OTHERS = ('p', 'rms_before_um', 'rms_after_um')
-OF_CLAIMED = (*OF_OTHERS, 'held_out_rms_before_um', 'held_out_rms_after_um', 'size', 'look_alikes')
+OF_CLAIMED = (*OF_OTHERS, 'size', 'look_alikes')
 OF_CHECKED = ('effect', 'outcome', 'p', 'rms_before_um', 'rms_after_um', 'same_size')
 """Columns of the tables that are shown."""
 
 
-def apply(action: Action, candidate: Candidate | None) -> Awaitable[None] | None:
+def apply(action: Action, candidate: MissingEffect | None) -> Awaitable[None] | None:
     """Call an action with a candidate and the setting found for it."""
-    return action(candidate.effect, Setting(candidate.setting) if candidate.setting else None) if candidate else None
+    return action(candidate.name, candidate.setting or None) if candidate else None
 
 
 class VerdictPanel:
@@ -108,8 +108,7 @@ class VerdictPanel:
             one.set_visibility(bool(missing) and self._controller.session.preview is None)
             one.set_text(f'{verb} {what}')
         explanations = results.summary.diagnosis.explanations if results.summary else ()
-        contenders = [Contender(one.members, one.probability) for one in explanations]
-        self._settle.set_visibility(bool(contenders) and in_doubt(contenders, UNTIL) is not None)
+        self._settle.set_visibility(bool(explanations) and in_doubt(explanations, UNTIL) is not None)
         self._next.set_text((self._controller.answer('next') or ('',))[0])
         self._causes.show(self._show_causes, verdict)
 
@@ -160,11 +159,11 @@ class CandidatesPanel:
         if diagnosis is None:
             return
         run = diagnosis.fit.run
-        claimed = {one.effect: one for one in reversed(diagnosis.candidates) if one.claimed}
-        others = [one for one in diagnosis.candidates if one.effect not in claimed][:NEXT_BEST]
+        claimed = {one.name: one for one in reversed(diagnosis.candidates) if one.claimed}
+        others = [one for one in diagnosis.candidates if one.name not in claimed][:NEXT_BEST]
         for one in reversed(claimed.values()):
             self._add_card(one, run, OF_CLAIMED,
-                           [shape for shape in diagnosis.recovered if shape.claim == one.effect])
+                           [shape for shape in diagnosis.recovered if shape.claim == one.name])
         for place, shape in enumerate(shape for shape in diagnosis.recovered if not shape.claim):
             with marked(ui.element('article').classes('candidate claimed'), f'shape-{place}'):
                 ui.label(f'No name: {shape.words}.').classes('small')
@@ -177,24 +176,24 @@ class CandidatesPanel:
         if hidden := diagnosis.verdict.hidden:
             ui.label(f'This run could not have shown {titles(hidden)}.').classes('small')
 
-    def _add_card(self, one: Candidate, run: Run, columns: tuple[str, ...], shapes: Sequence[Shape] = ()) -> None:
-        with marked(ui.element('article').classes('candidate'), f'candidate-{one.effect}') as self._cards[one.effect]:
-            self._cards[one.effect].classes('claimed' if one.claimed else '')
+    def _add_card(self, one: MissingEffect, run: Run, columns: tuple[str, ...], shapes: Sequence[Shape] = ()) -> None:
+        with marked(ui.element('article').classes('candidate'), f'candidate-{one.name}') as self._cards[one.name]:
+            self._cards[one.name].classes('claimed' if one.claimed else '')
             with row():
-                widgets.named(one.effect)
+                widgets.named(one.name)
                 with ui.element('span').classes('badge' if one.claimed else 'badge soft'):
                     ui.icon('error' if one.claimed else 'radio_button_unchecked').props('aria-hidden=true')
                     ui.label('missing' if one.claimed else 'not missing')
-            if one.effect in MEANINGS:
-                ui.label(MEANINGS[one.effect].meaning).classes('small')
+            if one.name in MEANINGS:
+                ui.label(MEANINGS[one.name].meaning).classes('small')
             widgets.fact_list(tables.candidates([one], run).select(*columns))
             for shape in shapes:
                 _draw_shape(shape)
             with row():
-                button('Preview', lambda: apply(self._on_preview, one), 'visibility', f'preview-{one.effect}',
-                       hint=f'Show what adding {one.effect} would change')
-                button('Add', lambda: apply(self._on_add, one), 'add', f'add-{one.effect}', strong=one.claimed,
-                       hint=f'Add {one.effect} to the model')
+                button('Preview', lambda: apply(self._on_preview, one), 'visibility', f'preview-{one.name}',
+                       hint=f'Show what adding {one.name} would change')
+                button('Add', lambda: apply(self._on_add, one), 'add', f'add-{one.name}', strong=one.claimed,
+                       hint=f'Add {one.name} to the model')
 
 
 def _draw_shape(shape: Shape) -> None:

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of a run: which members of the best hypothesis are claimed, and as what moves with what."""
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
+from rosette_ros.core.diagnosis.levels import STANDS, causes_of, course_of, motion_of
+from rosette_ros.core.diagnosis.limits import CLAIM, GUARD, SURE
+from rosette_ros.core.diagnosis.log_evidence import Member, State
+from rosette_ros.core.diagnosis.null_gains import p_of_tail
+from rosette_ros.core.diagnosis.run_search import RunSearch
+from rosette_ros.core.effects.free import PLACES, moving_bodies
+from rosette_ros.core.run.records import Floats
+
+NEAR_LAW = 0.05
+"""Share of its log likelihood, and at least 2, by which another law of the same motion has to be worse."""
+
+
+class Claims:
+    """What is said of the best hypothesis of a search; members: those claimed, of which `named` are the effects."""
+
+    def __init__(self, search: RunSearch) -> None:
+        self._search, self._chosen, self._run = search, search.chosen, search.run
+
+    # What moves with what
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """What the members of the best hypothesis say moves with what, the likeliest first."""
+        said = {one.place: self._as_moving(place) for place, one in enumerate(self._chosen.members)}
+        found = causes_of(self._search.posterior, self._run, said)
+        return tuple(sorted((replace(one, law_certain=self._is_certain(one)) for one in found),
+                            key=lambda one: -one.probability))
+
+    def _as_moving(self, place: int) -> Cause:
+        """Return what a member says, with the bodies whose motion by its course describes what the readings show of it.
+        """
+        member, state = self._chosen.members[place], self._chosen
+        own, course = motion_of(self._run, member.place), course_of(self._run, member.place)
+        if course is None:
+            return own
+
+        part = slice(*state.ends[place:place + 2])
+        shown = (state.inverse @ state.product)[part] @ member.rows
+        alike = set()
+        for body, directions in moving_bodies(self._run).items():
+            columns = (course[:, None, :, None] * directions).reshape(-1, *directions.shape[1:])
+            rows = self._search.evidence.space.residual(columns).reshape(len(columns), -1)
+            basis = np.linalg.svd(rows, full_matrices=False)[2][:np.linalg.matrix_rank(rows)]
+            left = shown - (shown @ basis.T) @ basis
+            if 1 - float(left @ left) / max(float(shown @ shown), 1e-300) > STANDS:
+                alike.add(body)
+        alike -= {*own.bodies}
+        return replace(own, bodies=(*own.bodies, *sorted(alike)), alike=frozenset(alike))
+
+    def _is_certain(self, cause: Cause) -> bool:
+        """Return whether no other law of the motions of a cause is near its own by likelihood.
+
+        Beside a motion without a name none is certain: what has no law of the library may be a part of it; nor are two
+        of the same motion, in one cause or in two: they may be parts of one that the library does not have; nor is one
+        where a place of the readings stands for the time or travel that it is a law of."""
+        places = frozenset(PLACES)
+        if (len(cause.names) != 1 or cause.law_probability < SURE
+                or any(one.family.is_free for one in self._chosen.members)
+                or any(not places.isdisjoint(some) and not places.issuperset(some) for some in cause.variables)):
+            return False
+
+        place = next(k for k, one in enumerate(self._chosen.members) if one.place in cause.places)
+        member, rest = self._chosen.members[place], self._chosen.without(place)
+        motion, own = motion_of(self._run, member.place), float(rest.line(member.rows).max())
+        if any(motion.agrees(motion_of(self._run, one.place)) for one in rest.members):
+            return False
+        for offer in rest.offers(is_open=False):
+            other = self._search.evidence.member(offer.family, offer.setting, offer.volume)
+            if (other.name != member.name and motion.agrees(motion_of(self._run, other.place))
+                    and rest.line(other.rows).max() > own - max(NEAR_LAW * own, 2.0)):
+                return False
+        return True
+
+    def _cause_of(self, member: Member) -> Cause:
+        return next(one for one in self.causes if member.place in one.places)
+
+    # What is claimed
+
+    @cached_property
+    def members(self) -> tuple[Member, ...]:
+        """The named members that are claimed, the one that explains most first.
+
+        What stands beside a larger motion without a name, or one of the same body and variable, may be a part of it: it
+        is not claimed."""
+        members, named = self._chosen.members, self._search.posterior.named
+        free = [one for one in members if one.family.is_free]
+        out = [one for place, one in enumerate(members)
+               if one.name in named and self._is_guarded(place) and not any(
+                   other.size > one.size or motion_of(self._run, other.place).agrees(motion_of(self._run, one.place))
+                   for other in free)
+               and max(self._cause_of(one).probability, named[one.name].together) >= CLAIM]
+        falls = {one: State(self._search.evidence, [other for other in out if other is not one]).rss for one in out}
+        return tuple(sorted(out, key=lambda one: -falls[one]))
+
+    @cached_property
+    def named(self) -> tuple[MissingEffect, ...]:
+        """The members that are claimed as effects."""
+        named, members = self._search.posterior.named, self._chosen.members
+        return tuple(replace(named[one.name], setting=one.setting, cause=self._cause_of(one),
+                             p=self._p_of_member(members.index(one)), visible_fraction=shown(one))
+                     for one in self.members)
+
+    @cached_property
+    def unnamed(self) -> tuple[MissingEffect, ...]:
+        """The members without a name that noise does not explain."""
+        out = []
+        for place, one in enumerate(self._chosen.members):
+            if one.family.is_free and self._is_guarded(place):
+                cause = self._cause_of(one)
+                out.append(MissingEffect(one.family.effect.name, one.setting, cause=cause, together=cause.probability,
+                                         p=self._p_of_member(place), visible_fraction=shown(one)))
+        return tuple(out)
+
+    @property
+    def doubtful(self) -> tuple[tuple[str, float], ...]:
+        """Names of the best hypothesis that are likely, but not enough to be said, each with its probability."""
+        said = {one.name for one in self.members}
+        return tuple((name, one.is_there) for name, one in self._search.posterior.named.items() if name not in said)
+
+    @cached_property
+    def told(self) -> tuple[Cause, ...]:
+        """The causes that are told: of what is claimed, and of what has no name."""
+        places = {place for one in (*self.named, *self.unnamed) if one.cause for place in one.cause.places}
+        return tuple(one for one in self.causes if not places.isdisjoint(one.places))
+
+    # What guards against noise
+
+    def _p_of_member(self, place: int) -> float:
+        """Return the probability that noise makes anything worth as much as a member of the best hypothesis."""
+        member = self._chosen.members[place]
+        offers = self._chosen.without(place).offers(member.family.is_free)
+        return self._search.p(next((one.gain for one in offers if one.family is member.family), -np.inf))
+
+    def _is_guarded(self, place: int) -> bool:
+        return self._p_of_member(place) <= GUARD and place not in self._of_tail
+
+    @cached_property
+    def _of_tail(self) -> frozenset[int]:
+        """The places of the wrong readings that do not stand out of the tail that the other readings have."""
+        members = self._chosen.members
+        readings = {place: one.setting.whole('reading') - 1 for place, one in enumerate(members)
+                    if 'reading' in one.setting}
+        if not readings:
+            return frozenset()
+
+        others = self._unweighted(self._chosen)
+        own = {place: self._unweighted(self._chosen.without(place))[row] for place, row in readings.items()}
+        out: set[int] = set()
+        for place in sorted(readings, key=lambda one: float(own[one] @ own[one])):
+            rest = np.delete(others, [row for one, row in readings.items() if one not in out], axis=0)
+            if p_of_tail(own[place], rest) > GUARD:
+                out.add(place)  # and is a part of the tail of those that are farther off
+                others[readings[place]] = own[place]
+        return frozenset(out)
+
+    def _unweighted(self, state: State) -> Floats:
+        """Return what a state leaves of the readings, (N, 3), without the weights of a tail."""
+        left, base = state.residual.reshape(-1, 3), self._search.base
+        return np.asarray(base.joint.whitening.inverse(left[None])[0]) if base.noise.tail else left.copy()
+
+
+def shown(member: Member) -> float:
+    """Return the share of a member that the order shows."""
+    return min(float(np.sqrt(np.sum(member.rows**2) / max(len(member.rows), 1))), 1.0)

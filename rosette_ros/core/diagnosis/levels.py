@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What moves with what, and by which law: the Causes that the hypotheses of a run agree on."""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.cause import Cause
+from rosette_ros.core.diagnosis.limits import ALIKE, HEARD, SURE
+from rosette_ros.core.diagnosis.log_evidence import Place
+from rosette_ros.core.diagnosis.posterior import Posterior
+from rosette_ros.core.effects.free import FREE, PLACES, variables
+from rosette_ros.core.run.records import Floats, Run
+
+STANDS = 0.975
+"""Share of the variance of a variable, or of a course, that the functions of another variable describe where this
+stands for it."""
+WAVES = 12
+"""Functions of a variable on a line that are asked: slow ones."""
+
+Law = tuple[str, ...]
+"""Names of effects, sorted, none of a motion without a name."""
+Laws = dict[Law, float]
+"""Laws with their probabilities."""
+
+
+# What a single member says
+
+
+@lru_cache(maxsize=4096)
+def motion_of(run: Run, place: Place) -> Cause:
+    """Return what a family at a setting says of what moves with what in a run."""
+    (family, setting), described = place, _described(run)
+    effect = family.effect
+    own = effect.driven_by(setting)
+    standing = {one: {a if one == b else b for (a, b), share in described.items()
+                      if one in (a, b) and a != b and share > STANDS} for one in own}
+
+    course = course_of(run, place)
+    if len(own) == 1 and not family.is_free and course is not None and np.ptp(course, axis=1).any():
+        standing[next(iter(own))] |= {  # a law may be a function of more than its variable is
+            name for name, basis in _slow_functions(run).items() if _share(course, basis) > STANDS} - own
+    return Cause((place,), tuple(sorted(effect.moved(setting))),
+                 tuple((one, *sorted(standing[one])) for one in sorted(own)))
+
+
+def course_of(run: Run, place: Place) -> Floats | None:
+    """Return the functions (k, N) by which a family at a setting moves; None where it moves one ball or place only."""
+    family, setting = place
+    if family.is_free:
+        functions = FREE.course(run, setting)[0]
+        return functions if np.any(functions, axis=0).all() else None
+    factors, = family.effect.factors(run, [setting])
+    return None if factors.at is not None else np.asarray(factors.waves[factors.of_setting[0][0]], dtype=float)
+
+
+@lru_cache(maxsize=2)
+def _described(run: Run) -> dict[tuple[str, str], float]:
+    """Return the share of the variance of variable b that slow functions of variable a describe, by (a, b)."""
+    out = {}
+    for name, basis in _slow_functions(run).items():
+        for other in variables(run):
+            circle = np.stack([np.cos(other.values), np.sin(other.values)])
+            out[name, other.name] = _share(circle if other.name in PLACES else other.values[None], basis)
+    return out
+
+
+@lru_cache(maxsize=2)
+def _slow_functions(run: Run) -> dict[str, Floats]:
+    """Return orthonormal functions (N, k) of each variable that a run records."""
+    out: dict[str, Floats] = {}
+    for one in variables(run):
+        functions = one.functions if one.name in PLACES else one.functions[:WAVES]
+        out.setdefault(one.name, np.linalg.qr(np.column_stack([np.ones(run.size), functions.T]))[0])
+    return out
+
+
+def _share(values: Floats, basis: Floats) -> float:
+    """Return the share of the variance of values (k, N) that orthonormal functions (N, m) describe."""
+    values = values - values.mean(axis=1, keepdims=True)
+    left = values - (values @ basis) @ basis.T
+    return 1 - float(np.sum(left**2) / max(np.sum(values**2), 1e-300))
+
+
+# What all hypotheses say together
+
+
+class _Group:
+    """Members of the best hypothesis that say the same, and what the other hypotheses say of it.
+
+    laws: probability of each law that does it; seen: of each variable with which it may move; apart: of each law by
+    which the same body moves with other variables, by these.
+    """
+
+    def __init__(self, places: Sequence[Place], said: Mapping[Place, Cause]) -> None:
+        self.places = tuple(places)
+        self.said = [said[place] for place in places]
+        self.laws, self.seen = Laws(), dict[str, float]()
+        self.apart: dict[tuple[str, ...], Laws] = {}
+
+    def has_name(self, name: str) -> bool:
+        return any(family.name == name for family, _ in self.places)
+
+    def agrees(self, other: Cause) -> bool:
+        return any(other.agrees(own) for own in self.said)
+
+    def count(self, mine: Sequence[Cause], p: float) -> None:
+        """Count a hypothesis in which some members say what this group says."""
+        _add(self.laws, _law(mine), p)
+        for name in frozenset().union(*(one.may_be for one in mine)):
+            self.seen[name] = self.seen.get(name, 0.0) + p
+
+    def count_apart(self, others: list[Cause], p: float) -> None:
+        """Count a hypothesis in which the same body moves with something else; what does is taken from the others."""
+        bodies = frozenset().union(*(one.bodies for one in self.said))
+        for place, other in [(k, one) for k, one in enumerate(others) if not bodies.isdisjoint(one.bodies)][:1]:
+            del others[place]
+            _add(self.apart.setdefault(tuple(sorted(other.own)), {}), _law([other]), p)
+
+    def cause(self, total: float) -> Cause:
+        """Return the Cause; total: probability of all hypotheses that were counted."""
+        laws, or_with = self.laws.copy(), []
+        for other_variables, others in sorted(self.apart.items(), key=lambda pair: -sum(pair[1].values())):
+            if sum(laws.values()) < SURE * total:
+                or_with.append(other_variables)
+                for law, p in others.items():
+                    _add(laws, law, p)
+
+        # of several variables those that nearly every explanation has, at least the likeliest
+        own = {one: self.seen.get(one, 0.0) for one in frozenset().union(*(some.own for some in self.said))}
+        ranked = sorted(own, key=lambda one: (-own[one], one))
+        kept = [one for one in ranked if own[one] >= SURE * max(self.seen.values())] or ranked[:1]
+        standing = [frozenset().union(*(some.standing(one) for some in self.said)) - {one} for one in kept]
+        sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
+
+        alike = [body for one in self.said for body in sorted(one.alike)]
+        bodies = dict.fromkeys([*(body for one in self.said for body in one.bodies if body not in one.alike), *alike])
+        likeliest = tuple((law, p / total) for law, p in sorted(laws.items(), key=lambda pair: -pair[1]))
+        return Cause(self.places, tuple(bodies), tuple(reversed(sets.values())), sum(laws.values()) / total, likeliest,
+                     or_with=tuple(or_with))
+
+
+def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tuple[Cause, ...]:
+    """Return what the members of the best hypothesis say; two of one law that move the same with the same, and two
+    that another one replaces, are a Cause together.
+
+    said: what each of these members may say in the run."""
+    together = [[place] for place in said]
+    for one, other in combinations(said, 2):
+        first, second = (next(some for some in together if place in some) for place in (one, other))
+        if first is not second and ((one[0].name == other[0].name and said[one].agrees(said[other]))
+                                    or _is_replaced(posterior, run, one, other, said)):
+            first += second
+            together.remove(second)
+
+    groups = [_Group(places, said) for places in together]
+    heard = [(key, p) for key, p in posterior.p.items() if p > HEARD]
+    for key, p in heard:
+        every = [motion_of(run, place) for place in posterior.places(key)]
+        assigned = _assigned(every, groups)
+        taken = {id(one) for mine in assigned for one in mine}
+        others = [one for one in every if id(one) not in taken]
+        for group, mine in zip(groups, assigned):
+            if mine:
+                group.count(mine, p)
+            else:
+                group.count_apart(others, p)
+    total = sum(p for _, p in heard)
+    return tuple(group.cause(total) for group in groups)
+
+
+def _assigned(every: Sequence[Cause], groups: Sequence[_Group]) -> list[list[Cause]]:
+    """Return which members of a hypothesis say what each group says: those of its names first."""
+    out: list[list[Cause]] = [[] for _ in groups]
+    agreeing = [[k for k, group in enumerate(groups) if group.agrees(one)] for one in every]
+    for is_name in (True, False):
+        for one, ks in zip(every, agreeing):
+            own = [k for k in ks if is_name == groups[k].has_name(one.places[0][0].name)]
+            if own:
+                out[min(own, key=lambda k: len(out[k]))].append(one)
+            if is_name and own:
+                ks.clear()
+    return out
+
+
+def _add(laws: Laws, law: Law, p: float) -> None:
+    laws[law] = laws.get(law, 0.0) + p
+
+
+def _law(some: Sequence[Cause]) -> Law:
+    return Cause(tuple(place for one in some for place in one.places), (), ()).names
+
+
+def _is_replaced(posterior: Posterior, run: Run, one: Place, other: Place, said: Mapping[Place, Cause]) -> bool:
+    """Return whether a hypothesis that is not unlikely has one member that agrees with two in their place."""
+    rest = sorted(family.name for family, _ in said)
+    rest.remove(one[0].name)
+    rest.remove(other[0].name)
+    for key, p in posterior.p.items():
+        if p < ALIKE * posterior.p[posterior.best]:
+            return False
+        if len(key[0]) == len(rest) + 1:
+            more = [place for place in posterior.places(key) if place[0].name not in rest]
+            if len(more) == 1 and all(said[place].agrees(motion_of(run, more[0])) for place in (one, other)):
+                return True
+    return False

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""In what the noise of a run is other than white and equal."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from rosette_ros.core.run.records import Floats
+
+if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
+    from rosette_ros.core.model.least_squares import Fit
+    from rosette_ros.core.model.noise import Group
+
+WANDERING = 0.85
+"""Correlation from reading to reading above which noise is told as a wander of the frame."""
+UNEQUAL = 1.3
+"""Ratio of the noise of axes from which on it is told beside what is larger."""
+
+
+@dataclass(frozen=True)
+class NoiseFacts:
+    """In what the noise of a run is other than white and equal.
+
+    resolution: to which readings are rounded, m; worse: axes that repeat worse than others, `than`, and how many times;
+    tail, tail_dof: what stands out by itself, `reading` or `coordinate`, and degrees of freedom of its Student
+    distribution; noisiest, factor: groups of which one scatters so many times as much as the others; walk: of the frame
+    over the run, m; wander, readings: of the frame, m, within so many readings; correlation: of neighbouring readings.
+    """
+
+    resolution: float = 0.0
+    worse: tuple[tuple[str, float], ...] = ()
+    than: str = ''
+    tail: str = ''
+    tail_dof: float = 0.0
+    noisiest: 'tuple[Group, ...]' = ()
+    factor: float = 1.0
+    walk: float = 0.0
+    wander: float = 0.0
+    readings: float = 0.0
+    correlation: float = 0.0
+
+    @property
+    def is_other(self) -> bool:
+        """Whether it is other than white and equal in anything."""
+        return self != NoiseFacts()
+
+
+def noise_facts(fit: 'Fit') -> NoiseFacts:
+    """Return in what the noise of a fit is other than white and equal."""
+    noise, sigma, run = fit.noise, fit.sigma, fit.run
+    worse, than = _unequal((noise.axes**2 + noise.wander * (noise.phi < 1))**0.5, bool(noise.wander.any()))
+    facts = NoiseFacts(noise.resolution, worse, than, noise.tail, noise.tail_dof if noise.tail else 0.0)
+    if noise.by:
+        typical = sorted(noise.factors)[noise.factors.size // 2]
+        facts = replace(facts, noisiest=tuple(noise.noisiest(run)), factor=float(noise.factors.max() / typical))
+    if noise.wander.any():
+        axis = int(noise.wander.argmax())
+        step, white = float(noise.wander[axis]), float(noise.axes[axis]**2)
+        if noise.phi == 1:
+            facts = replace(facts, walk=sigma * (step * run.size)**0.5)
+        elif noise.phi > WANDERING:
+            facts = replace(facts, wander=sigma * step**0.5, readings=1 / (1 - noise.phi))
+        else:
+            facts = replace(facts, correlation=noise.phi * step / (step + white))
+    return facts
+
+
+def _unequal(size: Floats, wanders: bool) -> tuple[tuple[tuple[str, float], ...], str]:
+    """Return which axes repeat worse, how many times, and than which; size: of the noise along x, y, z."""
+    x, y, z = map(float, size)
+    if x == y:
+        if z == x or (wanders and max(z / x, x / z) < UNEQUAL):
+            return (), ''
+        return ((('z', z / x),), 'xy') if z > x else ((('xy', x / z),), 'z')
+    best, *others = size.argsort().tolist()
+    worse = sorted(place for place in others if place == others[-1] or size[place] >= UNEQUAL * size[best])
+    return tuple(('xyz'[place], float(size[place] / size[best])) for place in worse), 'xyz'[best]
