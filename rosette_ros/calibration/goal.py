@@ -13,6 +13,7 @@ from rosette_ros.calibration import settings
 from rosette_ros.calibration.calibration_plan import CalibrationPlan, block_of
 from rosette_ros.calibration.settings import Value
 from rosette_ros.calibration.state_machine import Sequence
+from rosette_ros.core.planning.size import refuse_more
 from rosette_ros.core.run.errors import CellError, InvalidConfig, plain
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.messages import EXTENDED, Phase, Target, answer_of, target_of
@@ -144,6 +145,8 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
     until = settings.until_of(values)
     if until is None and 'most_readings' in request.goal:
         raise InvalidConfig('goal: most_readings: wanted until_probability or until_uncertainty beside it, got neither')
+    if until:
+        refuse_more(plan.scheme.n, 'until')
     return Job(Sequence(run_id, plan, settings.limits_of(values), until=until), request, plan.scheme.order,
                settings.format_settings(values), joint_with)
 

@@ -109,9 +109,11 @@ UNTIL = (
     Wanted('until.most_readings', 0, 'most readings that are added; 0: as many as the plan has', 0, 1_000_000))
 ADDED = Wanted('added', '', 'readings that were added to the plan: table position, ball, sense of the table and wait '
                '(s) of each, separated by commas')
-PLAN = Wanted('plan', '', 'plan file to run instead of an order: its path, or its text (rosette-plan/1)')
+# A path is read with the rights of the sequencer: no other node of the graph may name one.
+PLAN = Wanted('plan', '', 'plan file to run instead of an order: its path, or its text (rosette-plan/1)',
+              read_only=True)
 PLATE_FILE = Wanted('plate.file', '', 'plate file of balls at other places than an equal pitch (rosette-plate/1): '
-                    'its path, or its text; plate.balls is then the number of table positions')
+                    'its path, or its text; plate.balls is then the number of table positions', read_only=True)
 LIMITS = (
     Wanted('limits.answer_timeout_s', Limits.answer_timeout, 'wall time after which a target is asked again, s', 0.01,
            1e5),
@@ -126,7 +128,8 @@ LIMITS = (
     Wanted('limits.distance_m', Limits.distance, 'the same after the alignment, m', 1e-6, 1.0),
     Wanted('limits.angle_rad', Limits.angle, 'how far the table may stand from the commanded angle, rad', 1e-9, 0.5))
 PLACES = ('cmm_positions', 'balls_in_use')
-IDENTITY = Wanted('identity', '', 'identity file (rosette-identity/1), kept in the log of a run: its path, or its text')
+IDENTITY = Wanted('identity', '', 'identity file (rosette-identity/1), kept in the log of a run: its path, or its text',
+                  read_only=True)
 RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or its path')
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
 PLANNED = PLATE + TABLE + RUN + UNTIL + (PLAN, PLATE_FILE)  # what decides which targets a calibration has

@@ -28,7 +28,7 @@ from rosette_ros.calibration.commands import (
     Warn,
 )
 from rosette_ros.core.run.axes import refuse_other_axis, refuse_other_sense
-from rosette_ros.core.run.errors import RosetteError, plain
+from rosette_ros.core.run.errors import InvalidPlan, RosetteError, plain
 from rosette_ros.core.run.geometry import Frame, table_frame, wrap
 from rosette_ros.core.run.remarks import Remark, RemarkKind, remark
 from rosette_ros.core.run.scheme import Scheme
@@ -41,6 +41,8 @@ from rosette_ros.words.settling_words import settled_words, settling_words
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
 PAUSE = 'the plan has a pause here, resume the run after it'
+LONGEST_SHARE = 2
+"""Waits of a block may last so many times as long as the run has taken."""
 
 
 def complaint(answer: Answer, target: Target, limits: Limits,
@@ -95,6 +97,7 @@ class Sequence:
         self._taken, self._alignment = set[int](), list[Answer]()
         self._next_index = self._tries = self._planned_session = self._left_by = 0
         self._results: Results | None = None
+        self._kept: Results | None = None  # the last ones, which may be asked for again
         self._held, self._is_gone, self.disturbed = '', True, list[str]()
         self._skipped_last, self._is_aligned_again = True, False
         self._deadline: float | None = None
@@ -208,7 +211,7 @@ class Sequence:
         if (self.phase is not Phase.EVALUATION or self._results is not None or self._held
                 or results.readings_hash != self.answers.readings_hash):
             return ()
-        self._results = results
+        self._results = self._kept = results
         if not self.is_settling or self.until is None:
             return self._check(results)
         self.text, self._deadline = 'asking the evaluator which readings settle what is open', None
@@ -219,6 +222,17 @@ class Sequence:
         """How many readings may still be added to the plan."""
         most = self.until.most if self.until else 0
         return (most or self.plan.scheme.ball.size) - self.plan.added.ball.size
+
+    def refuse_block(self, block: Scheme) -> None:
+        """Raise InvalidPlan where a block has more readings than may be added, or waits longer than a run needs.
+
+        Its waits decide between effects in time, for which a part of the time that the run has taken is enough."""
+        stamps, most = [one.stamp_ns for one in self.answers.answers], max(self._left_to_add, 1)
+        longest = LONGEST_SHARE * 1e-9 * (max(stamps, default=0) - min(stamps, default=0))
+        if block.ball.size > most or block.wait.sum() > longest:
+            raise InvalidPlan(f'readings that are added: wanted at most {most}, with waits of at most {longest:.0f} s, '
+                              f'{LONGEST_SHARE} times as long as the run has taken, got {block.ball.size} with waits '
+                              f'of {block.wait.sum():.0f} s')
 
     def decided(self, block: Scheme | None, text: str, now: float, is_settled: bool = False) -> Commands:
         """Take the readings that follow, None where none do; text: what is settled or open."""
@@ -231,6 +245,16 @@ class Sequence:
         self.open = settled_words(text, is_settled, self.plan.added.ball.size if block is not None else 0)
         more = self._next(now) if self._next_index < self.plan.total else self._check(self._results)
         return Extended(self.open), *more
+
+    def not_answered(self, words: str) -> Commands:
+        """Take note that the evaluator does not answer: the run ends with the results that it has published.
+
+        What is still planned would have to be evaluated, too, and is left out."""
+        if self.phase is not Phase.EVALUATION or self._results is None or self._held or not self.is_settling:
+            return ()
+        left = 'without the drift check, ' * (self._next_index < self.plan.total)
+        self.is_settling, self.open = False, f'{left}{settled_words(words, False)}'
+        return Extended(self.open), *self._check(self._results)
 
     def not_decided(self, words: str, now: float) -> Commands:
         """Take note that the evaluator has not said what follows: it is given the run again, not for ever."""
@@ -273,8 +297,11 @@ class Sequence:
                      f'for {limit}; end one of them and resume the run')
             return self._finish(Phase.FAILED, f'{self._held} {words}')
         if self.phase is Phase.EVALUATION:
-            return self._finish(Phase.FAILED, 'wanted error motions from the evaluator within '
-                                f'{self.limits.evaluation_timeout:g} s, got none; '
+            words = f'wanted error motions from the evaluator within {self.limits.evaluation_timeout:g} s, got none'
+            if self._kept and self._kept.readings_hash == self.answers.readings_hash:  # it was to evaluate them again
+                self._results = self._kept
+                return self.not_answered(words) if self.is_settling else self._check(self._kept)
+            return self._finish(Phase.FAILED, f'{words}; '
                                 + self._disturbed('all ball centres are in the log: evaluate it offline'))
         return (*self._not_used(), *self._again(f'no answer within {self.limits.answer_timeout:g} s', now))
 

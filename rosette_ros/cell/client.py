@@ -20,8 +20,8 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import CalibrationEvent, RunState
 from rosette_msgs.msg import ErrorMotions as ErrorMotionsMessage
+from rosette_msgs.msg import RunState
 from std_srvs.srv import Trigger
 
 from rosette_ros import command
@@ -35,7 +35,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals, make_executor
 from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.graph_node import GraphNode
-from rosette_ros.nodes.liveliness import NodeMonitors, started
+from rosette_ros.nodes.liveliness import NodeMonitors, ServiceServers, started
 from rosette_ros.nodes.log_session import run_of
 from rosette_ros.nodes.node_requests import RESTART
 
@@ -46,6 +46,8 @@ FOUND = 1.0  # likewise, where they have had time to be found, s
 RESUME_TIMEOUT = 90.0  # a sequencer has the recorder read in the log of a run before it accepts to resume it, s
 _STEP = 0.1
 _DISCONNECTED = 3.0  # a sequencer that is not on the graph for so long is taken to be disconnected, s
+_RETURN = 20.0  # likewise in the middle of a run: a cell that was suspended is found again within some seconds, s
+_LOG_TOLD = 3.0  # a recorder tells the log that it writes within this time, s
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,6 @@ class CellClient(GraphClient):
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         super().__init__(self.name, domain_id, namespace)
-        self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
         self._run_id, self._done_words, self._is_restarted, self._has_state = '', '', False, False
         self._motions = ErrorMotionsMessage()
         self._progress = CalibrationProgress()
@@ -129,6 +130,7 @@ class CellClient(GraphClient):
         self._monitors = NodeMonitors(self._node)
         self._sequencer, self._recorder = map(self._monitors.of, (names.SEQUENCER, names.RECORDER))
         self._sequencer.on_change = self._on_restart
+        self._servers = ServiceServers(self._node, f'{names.CALIBRATE}/_action/send_goal', self._sequencer)
         self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE)
         self._node.create_timer(_STEP, self._monitors.watch)
 
@@ -139,8 +141,7 @@ class CellClient(GraphClient):
 
     def wait(self, timeout: float = 10.0) -> None:
         """Wait for a sequencer; raises CellError where none answers in time."""
-        if not self._spin_until(lambda: self._action.server_is_ready() and self._has_state
-                                and self._node.count_publishers(names.CALIBRATION_EVENT) > 0, timeout):
+        if not self._spin_until(lambda: self._action.server_is_ready() and self._has_state, timeout):
             others = ', '.join(self.running(FOUND))
             raise CellError(f'cell {self._where}: wanted a sequencer within {timeout:g} s, got ' + (
                 f'only {others}: the sequencer is not started, has ended or hangs; {RESTART}' if others else
@@ -182,13 +183,15 @@ class CellClient(GraphClient):
         self.wait()
         self._run_id, self._done_words, self._is_restarted, self._on_warning = '', '', False, None
 
-        def on_feedback(message: Any) -> None:
+        def on_feedback(message: Any) -> None:  # of this goal, while states may be those of the run before
+            self._run_id = plain(message.feedback.state.run_id)
             if on_progress and message.feedback.state.phase in list(Phase):
                 on_progress(progress_of(message.feedback.state))
 
         given = {name: Calibrate.Goal.NONE if name in NONE and not value else value for name, value in fields.items()
                  if value is not None}  # Goal.NONE and Goal.NO are the same number
         goal = Calibrate.Goal(order=order, seed=seed, options=options, resume=resume, **given)
+        self._refuse_stranger()
         # An exception in the middle of rclpy would break it.
         with TakenSignals(signal.SIGINT, once=True) as interrupt:
             accepted = self._action.send_goal_async(goal, feedback_callback=on_feedback)
@@ -196,10 +199,11 @@ class CellClient(GraphClient):
                 handle = self._await(accepted, RESUME_TIMEOUT if resume else 10.0, check, interrupt)
             except (KeyboardInterrupt, TimeoutError):  # else the run begins later, and nobody waits for it
                 handle, timeout = self._await(accepted, CANCEL_TIMEOUT, check), 0.0
+            self._refuse_stranger()
             self._on_warning = on_warning
             result = handle.get_result_async()
             try:
-                response = self._await(result, timeout, check, interrupt, is_run=True)
+                response = self._await(result, timeout, check, interrupt, handle.get_result_async)
             except (KeyboardInterrupt, TimeoutError):
                 handle.cancel_goal_async()
                 response = self._await(result, CANCEL_TIMEOUT, check)
@@ -209,31 +213,47 @@ class CellClient(GraphClient):
             raise CellError(f'cell {self._where}: calibration refused: {plain(response.result.message, most=2000)}')
         return outcome_of(response)
 
+    def _refuse_stranger(self) -> None:
+        """Raise CellError where another node than the sequencer offers the action, too, or alone."""
+        if words := self._servers.refusal():
+            raise CellError(f'cell {self._where}: {words}; end that one')
+
     def _outcome_without_result(self) -> CalibrationOutcome:
         """Return the outcome of a run that had succeeded, as it was published, before its sequencer ended."""
-        log, motions = Path(self._recorder.values.get('log', '')), self._motions
+        motions = self._motions
         outcome = CalibrationOutcome(True, False, f'{self._done_words}; the sequencer ended before it said so',
-                                     self._run_id, log if run_of(log.name) == self._run_id else None, None)
+                                     self._run_id, self._spin_until(self._log, _LOG_TOLD), None)
         return outcome if motions.run_id != self._run_id else replace(
             outcome, error_motions=conversions.error_motions_record(motions), verdict=verdict_of(motions))
 
+    def _log(self) -> Path | None:
+        """Return the log of the run, None where its recorder does not tell it."""
+        log = Path(self._recorder.values.get('log', ''))
+        return log if self._run_id and run_of(log.name) == self._run_id else None
+
     def _await(self, future: Future, timeout: float | None, check: Callable[[], object] | None,
-               interrupt: TakenSignals | None = None, is_run: bool = False) -> Any:
+               interrupt: TakenSignals | None = None, ask_again: Callable[[], Future] | None = None) -> Any:
+        """Return the result of a future; ask_again: of a run, makes another one once its sequencer is found again."""
         began = seen = time.monotonic()
+        is_run, patience = bool(ask_again), _RETURN if ask_again else _DISCONNECTED
         while not future.done():
             self._executor.spin_once(timeout_sec=_STEP)
             if check:
                 check()
             if interrupt and interrupt.is_received:
                 raise KeyboardInterrupt
-            now = time.monotonic()
+            now, before = time.monotonic(), seen
             seen = now if self._action.server_is_ready() else seen
-            if now - seen > _DISCONNECTED or (is_run and self._is_restarted):
+            if seen > before + _DISCONNECTED and ask_again:  # what it answered meanwhile may be lost
+                future = ask_again()
+            if now - seen > patience or (is_run and self._is_restarted):
                 if is_run and self._done_words:
                     return None
                 event = 'was restarted' if self._is_restarted else 'is disconnected'
+                log = is_run and self._spin_until(self._log, _LOG_TOLD)
                 hint = f', resume with: {self.resume_command(self._run_id)}' if self._run_id else ''
-                raise CellError(f'cell {self._where}: the sequencer {event}; what was measured is in the log{hint}')
+                raise CellError(f'cell {self._where}: the sequencer {event}; what was measured is in '
+                                f'{log or "the log"}{hint}')
             if timeout is not None and now - began > timeout:
                 raise TimeoutError(f'cell {self._where}: no answer within {timeout:g} s')
         return future.result()
@@ -265,10 +285,6 @@ class CellClient(GraphClient):
 
     def _on_restart(self) -> None:
         self._is_restarted = True
-
-    def _on_event(self, event: CalibrationEvent) -> None:
-        if event.kind == CalibrationEvent.ACCEPTED:
-            self._run_id = plain(event.run_id)
 
 
 class HangDetector(GraphClient):

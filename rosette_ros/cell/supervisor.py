@@ -16,6 +16,7 @@ from typing import Any
 
 import yaml
 
+from rosette_ros.cell.ending import ENDING
 from rosette_ros.core.run.errors import CellError, InvalidConfig
 from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.nodes import names, qos
@@ -34,6 +35,9 @@ MOST_FAILURES, FAILURES_WITHIN = 5, 60.0  # a node that fails so often within so
 _STEPS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # how a node is ended: signal, s for it
 _ESCALATION = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL).index
 _POLL = 0.02
+LOG_FORMAT = {'RCUTILS_CONSOLE_OUTPUT_FORMAT': '[{severity}] [{time}] [{name}]: {message}',
+              'RCUTILS_COLORIZED_OUTPUT': '0', 'RCUTILS_LOGGING_BUFFERED_STREAM': '0'}
+"""How the nodes of a cell log, whatever the environment wants: it is read here."""
 LOG_LINE = re.compile(r'\[(\w+)\] \[[\d.]+\] \[[^]]*\]: (.*)')
 """A line of a node's log: level and words."""
 
@@ -184,13 +188,21 @@ class Cell:
                 if words != names.READY and (name == names.SEQUENCER or level != 'INFO')]
 
     def stop(self) -> dict[str, int | None]:
-        """End all nodes, the sequencer first; return the exit codes by node."""
-        for number, patience in _STEPS:
-            for process in reversed(self.processes.values()):
-                if not process.has_ended:
-                    process.end(number)
-            if _wait(lambda: all(process.has_ended for process in self.processes.values()), patience):
-                break
+        """End all nodes, the sequencer first; return the exit codes by node.
+
+        None is left behind, not even one that hangs or is suspended, nor where this is interrupted."""
+        with ENDING:
+            try:
+                for number, patience in _STEPS:
+                    for process in reversed(self.processes.values()):
+                        if not process.has_ended:
+                            process.end(number)
+                    if _wait(lambda: all(process.has_ended for process in self.processes.values()), patience):
+                        break
+            finally:
+                for process in self.processes.values():
+                    if not process.has_ended:
+                        process.popen.kill()
         codes = {name: process.popen.returncode for name, process in self.processes.items()}
         if self._output_dir is None and not any(codes.values()):
             shutil.rmtree(self.output_dir)
@@ -280,7 +292,7 @@ def added_environment(given: Mapping[str, str]) -> dict[str, str]:
 def cell_environment(domain_id: int | None = None) -> dict[str, str]:
     """Return the environment for processes of a cell that stays on this computer."""
     domain = {} if domain_id is None else {'ROS_DOMAIN_ID': str(domain_id)}
-    return {**os.environ, **added_environment(os.environ), 'PYTHONUNBUFFERED': '1', **domain}
+    return {**os.environ, **added_environment(os.environ), **LOG_FORMAT, 'PYTHONUNBUFFERED': '1', **domain}
 
 
 def check_messages(definitions: Path = DEFINITIONS, environ: Mapping[str, str] = os.environ) -> None:

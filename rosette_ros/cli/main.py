@@ -24,6 +24,7 @@ from types import FrameType
 from typing import Any, NoReturn, TypeAlias
 
 from rosette_ros import __version__
+from rosette_ros.cell.ending import ENDING
 from rosette_ros.cli.arguments import ENDS, UsageError, expand_home, keep_inputs, load
 from rosette_ros.core.run.errors import RosetteError, one_line, unknown_name
 from rosette_ros.core.run.number_words import show_angles
@@ -187,11 +188,12 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
 def _end_late(told: int, numbers: Collection[int]) -> None:
     """End the process that a signal did not end in time, as its main thread waits within a library: for a database.
 
-    Nodes of its cell end themselves then, in good order."""
+    While nodes of its cell are ended it waits for that; else they end themselves, in good order."""
     while (number := os.read(told, 1)[0]) not in numbers:
         pass
     time.sleep(PATIENCE)
-    os._exit(128 + number)
+    with ENDING:
+        os._exit(128 + number)
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:

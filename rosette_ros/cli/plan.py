@@ -26,6 +26,7 @@ from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.plan_comparison import Outlook, outlook
+from rosette_ros.core.planning.size import MOST_BALLS as MOST_ADVISED
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, InvalidPlan
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS, order_name, places_in_use, plan
@@ -245,7 +246,7 @@ def advise_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('run_path', metavar='RUN', nargs='?', help='log directory, .mcap file or '
                         'ball-centre table (CSV); instead of a run, --balls and --order')
-    add_plan(parser, most_balls=72, radius_mm=USUAL_RADIUS_MM)
+    add_plan(parser, most_balls=MOST_ADVISED, radius_mm=USUAL_RADIUS_MM)
     parser.add_argument('--show', metavar='EFFECT', action='append', default=[],
                         help='an effect that the next run must show; may be given several times '
                         '(default: all that the present order shows weakly)')

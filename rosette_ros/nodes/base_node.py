@@ -18,6 +18,7 @@ from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, SimpleManagedEntity, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -31,14 +32,17 @@ from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.environment import check_environment
 from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.interfaces import decoded
-from rosette_ros.nodes.liveliness import NodeMonitor, NodeMonitors, StatusPublisher, TopicPublishers
+from rosette_ros.nodes.liveliness import NodeMonitor, NodeMonitors, ServiceServers, StatusPublisher, TopicPublishers
 from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
 
+RCLError = rclpy_implementation.RCLError
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 WAKE_PERIOD, HEALTH_PERIOD = 0.2, 1.0
 AUTOSTART = Wanted('autostart', True, 'whether the node configures and activates itself; false: a lifecycle '
                    'manager does', read_only=True)
 _SIGNAL_PERIOD = 0.05  # a signal, or the end of the parent process, is noticed within this time, s
+
+_REFUSED = 'ROS refuses the arguments or the environment'
 
 Health = tuple[bytes, str, dict[str, object]]
 """Level of DiagnosticStatus, one sentence, values by name."""
@@ -65,6 +69,7 @@ class CellNode(GraphNode):
         self._monitors = NodeMonitors(self)
         self._own = self.monitor(name)
         self._publishers_of: dict[str, TopicPublishers] = {}
+        self._servers_of: dict[str, ServiceServers] = {}
         self.every(self.wake_period, self._wake)
 
     def on(self, name: str, message_class: type, handler: Callable[[Any], None], profile: QoSProfile,
@@ -120,6 +125,12 @@ class CellNode(GraphNode):
             self._publishers_of[topic] = TopicPublishers(self, topic, self.monitor(names.PUBLISHERS[topic]))
         return self._publishers_of[topic]
 
+    def servers_of(self, service: str) -> ServiceServers:
+        """Return what is known about the servers of a service in names.SERVERS."""
+        if service not in self._servers_of:
+            self._servers_of[service] = ServiceServers(self, service, self.monitor(names.SERVERS[service]))
+        return self._servers_of[service]
+
     @property
     def has_single_publishers(self) -> bool:
         """Whether no topic in names.PUBLISHERS that is used has two publishers."""
@@ -134,7 +145,7 @@ class CellNode(GraphNode):
         self.status.serve()
         for words in self._monitors.watch():
             self.get_logger().warning(words)
-        for one in self._publishers_of.values():
+        for one in (*self._publishers_of.values(), *self._servers_of.values()):
             one.watch()
         self.wake()
 
@@ -192,6 +203,7 @@ class CellNode(GraphNode):
         level, sentence, values = self.health()
         conflicts = {f'{one.conflict}: what they publish is not used'
                      for one in self._publishers_of.values() if one.conflict and not one.is_tried}
+        conflicts |= {f'{one.conflict}: nothing is asked of them' for one in self._servers_of.values() if one.conflict}
         before, self._disturbances = self._disturbances, frozenset(self.unconnected() | conflicts)
         for words in sorted(self._disturbances):
             level, sentence = max(level, WARN), f'{sentence}; {words}'
@@ -282,7 +294,7 @@ def _init(args: list[str] | None) -> None:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        raise InvalidConfig(f'ROS refuses the arguments or the environment: {error}') from error
+        raise InvalidConfig(f'{_REFUSED}: {error}') from error
 
 
 def make_executor(context: Context | None = None) -> Executor:
@@ -299,7 +311,10 @@ def _spin(make_node: Callable[[], CellNode], stop: TakenSignals, arguments: Sequ
     def is_orphaned() -> bool:
         return parent.isdigit() and os.getppid() != int(parent)
 
-    node = make_node()
+    try:
+        node = make_node()
+    except RCLError as error:
+        raise InvalidConfig(f'{_REFUSED}: {error}') from error
     executor = make_executor()
     try:
         refuse_unknown_sections(arguments, node)

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the environment names a middleware, domain and home that exist: ROS ends the process where it does not."""
+"""Whether ROS can work with what the environment says: else it ends the process, in many lines, or never names it."""
 
 import os
+import socket
 from collections.abc import Mapping
 from pathlib import Path
 
 from rosette_ros.core.run.errors import CellError
 from rosette_ros.nodes import names
 
-_LOGS = ('ROS_LOG_DIR', 'ROS_HOME', 'HOME')
-"""Where ROS looks for the folder of its own logs, first to last."""
+_LOGS = {'ROS_LOG_DIR': '', 'ROS_HOME': 'log', 'HOME': '.ros/log'}
+"""Where ROS looks for the folder of its own logs, first to last, and where below."""
+_SWITCHES = 'RCUTILS_LOGGING_USE_STDOUT', 'RCUTILS_LOGGING_BUFFERED_STREAM', 'RCUTILS_COLORIZED_OUTPUT'
+_PEERS, _LONGEST_PEER = 'ROS_STATIC_PEERS', 255
+_ENABLE, _STRATEGY, _KEYSTORE = 'ROS_SECURITY_ENABLE', 'ROS_SECURITY_STRATEGY', 'ROS_SECURITY_KEYSTORE'
 _INDEX = Path('share', 'ament_index', 'resource_index', 'rmw_typesupport')
 
 
@@ -27,11 +31,48 @@ def check_middleware(environ: Mapping[str, str] = os.environ) -> None:
 
 
 def check_environment(domain_id: int | None, environ: Mapping[str, str] = os.environ) -> None:
-    """Raise CellError where no domain is given and that of the environment does not exist, or ROS cannot log."""
+    """Raise CellError, which names the variable, where ROS could not work with an environment.
+
+    domain_id: None for that of the environment."""
     given = environ.get('ROS_DOMAIN_ID', '').strip() if domain_id is None else ''
     if given and not (given.isdecimal() and int(given) in names.DOMAINS):
         raise CellError(f'ROS_DOMAIN_ID: wanted a whole number in 0..{names.DOMAINS[-1]}, got {given!r:.80}; set '
                         'another one, or give --domain')
-    if not any(environ.get(name) for name in _LOGS):
+    for name in _SWITCHES:
+        if environ.get(name, '') not in ('', '0', '1'):
+            raise CellError(f'{name}: wanted 0 or 1, got {environ[name]!r:.80}; unset it')
+    for peer in filter(None, environ.get(_PEERS, '').split(';')):
+        _check_peer(peer)
+    keys = environ.get(_KEYSTORE, '')
+    if environ.get(_ENABLE) == 'true' and environ.get(_STRATEGY) == 'Enforce' and not os.path.isdir(keys):
+        raise CellError(f'{_KEYSTORE}: wanted the folder of the keys, as {_STRATEGY} is Enforce, got {keys!r:.80}; set '
+                        f'it (docs/security.md), or unset {_ENABLE}')
+    _check_logs(environ)
+
+
+def _check_peer(peer: str) -> None:
+    """Raise CellError where a computer has no address."""
+    try:
+        if len(peer) <= _LONGEST_PEER and socket.getaddrinfo(peer.strip(), None):
+            return
+    except (OSError, UnicodeError):
+        pass
+    raise CellError(f'{_PEERS}: wanted names or addresses of computers, separated by ";", got {peer!r:.80}, which has '
+                    'no address; correct it, or unset it')
+
+
+def _check_logs(environ: Mapping[str, str]) -> None:
+    """Raise CellError where ROS cannot make the folder of its own logs."""
+    name = next((name for name in _LOGS if environ.get(name)), '')
+    if not name:
         raise CellError('HOME: wanted the folder of the user, got none; set HOME, or ROS_LOG_DIR to a folder for the '
                         'logs of ROS')
+    folder = Path(os.path.expanduser(environ[name]), _LOGS[name])
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        reason = '' if os.access(folder, os.W_OK | os.X_OK) else 'no permission to write'
+    except OSError as error:
+        reason = str(error.strerror)
+    if reason:
+        raise CellError(f'{name}: wanted a folder for the logs of ROS, got {folder}: {reason}; set ROS_LOG_DIR to '
+                        'another one')

@@ -17,7 +17,8 @@ from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, NextReadings,
 from std_msgs.msg import Header
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED
-from rosette_ros.calibration.settings import Wanted
+from rosette_ros.calibration.commands import Until
+from rosette_ros.calibration.settings import UNTIL, Wanted, until_of
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.sharing import ITEMS
@@ -42,7 +43,11 @@ from rosette_ros.words.settling_words import block_words, standing_words
 WANTED = (
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
     Wanted('diagnose_after_run', True, 'whether each run is diagnosed, so that the diagnosis is in its log'),
-    Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'larger plates are diagnosed on request only', 0, 1000))
+    Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'larger plates are diagnosed on request only', 0, 1000),
+    Wanted('longest_work_s', 600.0, 'a calculation that lasts longer is taken for one that never ends: the evaluator '
+           'counts as disconnected, and `rosette cell` restarts it, s', 1.0, 1e6, read_only=True))
+
+
 def _callback_of(name: str) -> Callable[[Callable[..., None]], Callable[..., Any]]:
     """Make the callback of a service of a method that fills in the response or raises RosetteError: a refusal."""
     def decorate(handle: Callable[..., None]) -> Callable[..., Any]:
@@ -68,6 +73,7 @@ class Evaluator(CellNode):
 
     def __init__(self) -> None:
         super().__init__(names.EVALUATOR, WANTED)
+        self.status.longest = float(self.parameters['longest_work_s'])
         self._in_use = ModelInUse(read_model(self.parameters['model'] or None))
         self._answers: RunAnswers | None = None  # published by the sequencer, not yet evaluated
         self._due = '', 0  # the run to be evaluated, and how many of its targets are answered
@@ -176,11 +182,14 @@ class Evaluator(CellNode):
 
     @_callback_of(names.NEXT_READINGS)
     def _on_next_readings(self, request: NextReadings.Request, response: NextReadings.Response) -> None:
+        wanted = until_of({one.name: one.check(value, names.NEXT_READINGS) for one, value in zip(
+            UNTIL, (request.until_probability, request.until_uncertainty, 0), strict=True)})
+        until = wanted or Until(0.0, 0.0, 0)
         found = self._in_use.next_readings(
             plain(request.run_id), plain(request.readings_hash),
             lambda n: [block for one in request.refused if (block := conversions.block_scheme(one, n))],
-            readings=min(request.readings or BLOCK, BLOCK), until=request.until_probability,
-            uncertainty=request.until_uncertainty or None)
+            readings=min(request.readings or BLOCK, BLOCK), until=until.probability,
+            uncertainty=until.uncertainty or None)
         response.settled, response.block = found.is_settled, conversions.block_message(found.targets)
         response.text, response.message = standing_words(found), block_words(found)
 

@@ -44,12 +44,14 @@ def started(node: str, pid: int) -> str:
 class StatusPublisher:
     """Publishes the status of a node on /diagnostics, twice a second by a thread of its own: also while it computes.
 
-    hears: `process` of the nodes whose status is received."""
+    Not for ever: that this thread runs does not show that the node works.
+
+    hears: `process` of the nodes whose status is received; longest: how long it may compute, s."""
 
     def __init__(self, node: Node, now: Callable[[], Time]) -> None:
         """Publish nothing yet; now: returns the ROS time."""
         self._node, self._now = node, now
-        self._problem = ''
+        self._problem, self.longest = '', qos.LONGEST_WORK
         self.hears: tuple[str, ...] = ()
         self._state: tuple[bytes, str, Mapping[str, object]] = DiagnosticStatus.OK, 'starting', {}
         name = node.get_fully_qualified_name()
@@ -82,14 +84,19 @@ class StatusPublisher:
         """Publish one."""
         (level, sentence, values), now = self._state, time.monotonic()
         self._began, self._published = now if now - self._published > qos.STATUS_LOST else self._began, now
-        busy = now - self._served if self._served else 0.0
-        own = {PROCESS: self.process, PROBLEM: self._problem, HEARS: BETWEEN.join(self.hears), BUSY_S: f'{busy:.1f}',
+        own = {PROCESS: self.process, PROBLEM: self._problem, HEARS: BETWEEN.join(self.hears),
+               BUSY_S: f'{self.busy:.1f}',
                UP_S: f'{self.up:.3f}'}
         self._publisher.publish(DiagnosticArray(header=Header(stamp=self._now().to_msg()), status=[
             DiagnosticStatus(
                 level=level, name=self._node.get_fully_qualified_name()[1:], message=sentence,
                 hardware_id=self._node.get_namespace()[1:],
                 values=[KeyValue(key=key, value=str(value)) for key, value in {**values, **own}.items()])]))
+
+    @property
+    def busy(self) -> float:
+        """How long it has called nothing back, s."""
+        return time.monotonic() - self._served if self._served else 0.0
 
     @property
     def up(self) -> float:
@@ -105,7 +112,8 @@ class StatusPublisher:
     def _run(self) -> None:
         self.publish()
         while not self._is_ended.wait(qos.STATUS_PERIOD):
-            self.publish()
+            if self.busy <= self.longest:
+                self.publish()
 
 
 def values_of(status: DiagnosticStatus) -> dict[str, str]:
@@ -153,8 +161,12 @@ class NodeMonitor:
         return others[0] if others and self.peer in names.SINGLE and len(self.publishers()) > 1 else ''
 
     def is_of(self, gid: bytes) -> bool:
-        """Return whether an endpoint, by its GID, is one of the process that has the role."""
-        return self.process in self._received and self.process.endswith(process_of(gid).hex())
+        """Return whether an endpoint, by its GID, is one of the process that has the role, and is heard."""
+        return self.process in self._received and self.had(gid)
+
+    def had(self, gid: bytes) -> bool:
+        """Return whether an endpoint, by its GID, is one of the process that has the role, or had it last."""
+        return bool(self.process) and self.process.endswith(process_of(gid).hex())
 
     def watch(self) -> list[str]:
         """Forget processes whose statuses stay away; return, once, in words who says something and has not the role.
@@ -289,6 +301,8 @@ class TopicPublishers:
     running: all endpoints; found: those that count; used: that of the last one that was alone; is_single: whether
     messages are used; ignored: number of messages that were not, without a subscription how often there were two."""
 
+    _verb = 'publish'
+
     def __init__(self, node: Node, topic: str, peer: NodeMonitor) -> None:
         """Start without a publisher."""
         self._node, self._peer = node, peer
@@ -317,10 +331,11 @@ class TopicPublishers:
     @property
     def conflict(self) -> str:
         """That more than one node publishes the topic, in words; '' where it is not so."""
-        if len(self.found) < 2:
-            return ''
-        who = ' and '.join(sorted(self._names[gid] for gid in self.found))
-        return f'{len(self.found)} nodes publish {self.topic} ({who})'
+        return f'{len(self.found)} nodes {self._verb} {self.topic} ({self._who})' if len(self.found) > 1 else ''
+
+    @property
+    def _who(self) -> str:
+        return ' and '.join(sorted(self._names[gid] for gid in self.found))
 
     @property
     def is_tried(self) -> bool:
@@ -343,6 +358,10 @@ class TopicPublishers:
         # a publisher is matched a moment before it is on the graph, and its first message may be there by then
         self.is_single = len(self.found) < 2 and (self._subscription is None or self._matched <= len(self._names))
 
+    def _infos(self) -> list[Any]:
+        """Return the publishers on the graph, as rclpy describes them."""
+        return self._node.get_publishers_info_by_topic(self.topic)
+
     def _count(self) -> int:
         subscription = self._subscription
         return self._node.count_publishers(self.topic) if subscription is None else subscription.get_publisher_count()
@@ -353,8 +372,7 @@ class TopicPublishers:
 
         Where that is not known, as many as are heard. Those that were found last are taken to run: a new one is never
         mistaken for one that has ended, nor before its first status is received."""
-        infos: list[Any] = self._node.get_publishers_info_by_topic(self.topic)
-        self._names = {bytes(one.endpoint_gid): name_of(one) for one in infos}
+        self._names = {bytes(one.endpoint_gid): name_of(one) for one in self._infos()}
         self._first_seen = {gid: self._first_seen.get(gid, now) for gid in self._names}
         beating = {process_of(one.endpoint_gid) for one in self._peer.publishers()}
         found = sorted(self._names, key=lambda gid: self._first_seen[gid])
@@ -365,3 +383,35 @@ class TopicPublishers:
         if own and self._peers < 2:
             ended = [gid for gid in with_status if gid not in own]
         return frozenset(self._names) - frozenset(ended)
+
+
+class ServiceServers(TopicPublishers):
+    """The servers of a service: their responses count as messages of a topic do.
+
+    A server is known by the publisher of its responses, as DDS names it (design.ros2.org, topic and service name
+    mapping). A request goes to all servers that are there, so that one which comes later answers none before."""
+
+    _verb = 'offer'
+
+    def __init__(self, node: Node, service: str, peer: NodeMonitor) -> None:
+        """Start without a server."""
+        super().__init__(node, service, peer)
+        self.topic = node.resolve_service_name(service)
+
+    def refusal(self) -> str:
+        """Return why a response would not count now, '' where it would: it is of the process that has the role alone.
+
+        Where none has it, and of a CMM without a status, any that is alone counts."""
+        self.look()
+        peer = self._peer
+        if not (strangers := [gid for gid in self.found if not peer.had(gid)]) or self.conflict:
+            return self.conflict
+        if not peer.process or not (peer.peer in names.SINGLE or peer.count()):
+            return ''
+        return f'{self._names[strangers[0]]}, which offers {self.topic}, is not the {peer.peer} of this cell'
+
+    def _infos(self) -> list[Any]:
+        return self._node.get_publishers_info_by_topic(f'rr{self.topic}Reply', no_mangle=True)
+
+    def _count(self) -> int:
+        return self._node.count_services(self.topic)

@@ -18,7 +18,7 @@ PROBE_TARGET, BALL_CENTRE, TOUCHES = 'probe_target', 'ball_centre', 'touches'
 ERROR_MOTIONS, MODEL, DIAGNOSIS = 'error_motions', 'model', 'diagnosis'
 RUN, RUN_STATE, CALIBRATION_EVENT = 'run', 'run_state', 'calibration_event'
 
-PUBLISHERS = {PROBE_TARGET: SEQUENCER, BALL_CENTRE: CMM, TOUCHES: CMM}
+PUBLISHERS = {PROBE_TARGET: SEQUENCER, CALIBRATION_EVENT: SEQUENCER, BALL_CENTRE: CMM, TOUCHES: CMM}
 """The one node that publishes each topic of a run; while another one does, too, nothing there is used."""
 SIGNED = {RUN: SEQUENCER, RUN_STATE: SEQUENCER, ERROR_MOTIONS: EVALUATOR, MODEL: EVALUATOR, DIAGNOSIS: EVALUATOR}
 """Likewise, where messages name the process that publishes them: those of another one are not used."""
@@ -35,6 +35,10 @@ TRIAL = 'check'
 RECOVER, CHECK_PLAN = 'cmm/recover', 'cmm/check_plan'
 """Of a CMM that waits for a person, and of one that knows what it can measure."""
 SERVICE_EVENT = '/_service_event'
+
+SERVERS = {START_RECORDING: RECORDER, STOP_RECORDING: RECORDER, RECALL: RECORDER, RECORDED: RECORDER,
+           NEXT_READINGS: EVALUATOR, EVALUATE_JOINTLY: EVALUATOR, CHECK_PLAN: CMM}
+"""The one node that offers each service of a run; while another one does, too, nothing is asked of either."""
 
 TABLE_CORRECTOR, JOINT_STATES, CORRECT_POINT = 'table_corrector', 'joint_states', 'table_corrector/correct_point'
 """The node that applies a correction; it runs beside robots and machines, not in the calibration cell."""

@@ -26,7 +26,6 @@ from rosette_ros.nodes.liveliness import SETTLING, process_of
 
 END_EVENTS: dict[int, int] = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
                               Phase.FAILED: CalibrationEvent.FAILED}
-_PLAN_TIMEOUT = 30.0  # for the answer, s; the ways around 72 balls at all table positions take some seconds
 _AT_ONCE = 1000  # targets that are made at a time, between which the node answers others
 _NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
 BUSY = 2.0  # a node that has called nothing back for this time is told in /diagnostics, s
@@ -34,34 +33,88 @@ RESTART = f'wait {1.5 * qos.STATUS_HANGS:g} s for rosette cell to restart it, or
 RECALL_TIMEOUT = 60.0  # how long the recorder may read in its logs, s
 
 
+class RoleClient:
+    """A client of a service in names.SERVERS: what another process than that of the role answers does not count.
+
+    response: the class of its responses."""
+
+    def __init__(self, node: CellNode, service_type: Any, name: str, is_introspected: bool = False,
+                 **settings: Any) -> None:
+        """Join the graph; is_introspected: whether its traffic is recorded; settings: as of Node.create_client."""
+        self._client: Client = (introspected_client if is_introspected else Node.create_client)(
+            node, service_type, name, **settings)
+        self._servers, self.response = node.servers_of(name), service_type.Response
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the service is offered."""
+        return self._client.service_is_ready()
+
+    def refusal(self) -> str:
+        """Return why nothing is asked, and no response counts, now; '' where they may."""
+        return self._servers.refusal()
+
+    def send(self, request: Any, done: Callable[[Any], object]) -> Future:
+        """Send a request and return the Future of its response, with which `done` is called."""
+        future = self._client.call_async(request)
+        future.add_done_callback(done)
+        return future
+
+    def forget(self, future: Future) -> None:
+        """Wait for a response no longer."""
+        self._client.remove_pending_request(future)
+
+
+class Within(NamedTuple):
+    """A time limit, s, and the setting that decides it, '' for none."""
+
+    seconds: float
+    setting: str = ''
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f'{self.seconds:g} s{f" ({self.setting})" * bool(self.setting)}'
+
+
+_PLAN_TIMEOUT = Within(30.0)
+"""For the answer of the CMM; the ways around 72 balls at all table positions take some seconds."""
+
+
 @dataclass(eq=False)
 class _Call:
     """A request that waits for its response."""
 
-    client: Client
+    client: RoleClient
     request: Any
-    timeout: float  # of each response, s
+    limit: Within  # of each response
     done: Callable[[Any], None]
     repeat: Callable[[Any], Any]  # returns the next request on a response that is not final, else None
+    deadline: float  # steady time, s
     future: Future | None = None  # None until it is sent (again)
-    deadline: float = 0.0  # steady time, s
 
 
 class Requests:
-    """Requests to one other node; every one is answered, by it or, after the timeout, in its place."""
+    """Requests to one other node; every one is answered, by it or, after the timeout, in its place.
+
+    Nothing is asked while two nodes offer the service; what was asked then is asked again.
+
+    has_answered: whether the last response is that of the other node itself; is_late: whether it is given in place of
+    one that did not come in time."""
 
     def __init__(self, node: CellNode, other: str) -> None:
         """Take the name of the other node, for messages."""
         self._node, self._other = node, other
         self._calls: list[_Call] = []
-        self.has_answered = True  # whether the last response is that of the other node itself
+        self.has_answered, self.is_late = True, False
 
     def tick(self, now: float) -> None:
         """Repeat requests and answer those that are overdue; call it from a timer. now: steady time, s."""
         for call in list(self._calls):
             if now > call.deadline:
-                self._answer(call, f'the {self._other} did not answer within {call.timeout:g} s')
-            elif not call.client.service_is_ready():
+                refusal = call.client.refusal()
+                self._answer(call, f'the {self._other} did not answer within {call.limit}'
+                             f'{f": {refusal}; end that one" * bool(refusal)}', is_late=True)
+            elif not call.client.is_there:
                 self._answer(call, f'the {self._other} disconnected before it answered')
             elif call.future is None:
                 self._send(call)
@@ -71,35 +124,36 @@ class Requests:
         for call in list(self._calls):
             self._answer(call, words)
 
-    def _answer(self, call: _Call, words: str) -> None:
+    def _answer(self, call: _Call, words: str, is_late: bool = False) -> None:
         self._calls.remove(call)
         if call.future is not None:
-            call.client.remove_pending_request(call.future)
-        self.has_answered = False
-        call.done(call.client.srv_type.Response(success=False, message=words))
+            call.client.forget(call.future)
+        self.has_answered, self.is_late = False, is_late
+        call.done(call.client.response(success=False, message=words))
 
-    def call(self, client: Client, request: Any, timeout: float, done: Callable[[Any], None],
+    def call(self, client: RoleClient, request: Any, limit: Within, done: Callable[[Any], None],
              repeat: Callable[[Any], Any] = lambda response: None) -> None:
-        """Send a request of a client; done(response) is called once; timeout, s, repeat: as of _Call."""
-        call = _Call(client, request, timeout, done, repeat)
+        """Send a request of a client; done(response) is called once; limit, repeat: as of _Call."""
+        call = _Call(client, request, limit, done, repeat, self._node.seconds() + limit.seconds)
         self._calls.append(call)
         self._send(call)
 
     def _send(self, call: _Call) -> None:
-        call.deadline = self._node.seconds() + call.timeout
-        call.future = call.client.call_async(call.request)
-        call.future.add_done_callback(lambda future: self._on_response(call, future))
+        if not call.client.refusal():
+            call.deadline = self._node.seconds() + call.limit.seconds
+            call.future = call.client.send(
+                call.request, lambda future: self._on_response(call, future, future.result()))
 
-    def _on_response(self, call: _Call, future: Future) -> None:
-        if call not in self._calls:
+    def _on_response(self, call: _Call, future: Future, response: Any) -> None:
+        if call not in self._calls or call.future is not future:
             return
-        request = call.repeat(future.result())
+        request = call.request if call.client.refusal() else call.repeat(response)
         if request is not None:
             call.request, call.future = request, None
             return
         self._calls.remove(call)
-        self.has_answered = True
-        call.done(future.result())
+        self.has_answered, self.is_late = True, False
+        call.done(response)
 
 
 class Recalls(Requests):
@@ -109,16 +163,16 @@ class Recalls(Requests):
         super().__init__(node, names.RECORDER)
         # Not introspected: the response is in a log already. In a group of its own: a coroutine that waits for it
         # holds the group of the node.
-        self._recall = node.create_client(Recall, names.RECALL, callback_group=MutuallyExclusiveCallbackGroup())
+        self._recall = RoleClient(node, Recall, names.RECALL, callback_group=MutuallyExclusiveCallbackGroup())
 
     @property
     def is_there(self) -> bool:
         """Whether the service is offered."""
-        return self._recall.service_is_ready()
+        return self._recall.is_there
 
     def recall(self, run: str, done: Callable[[Recall.Response], None]) -> None:
         """Request what is recorded of a run; done(response) is called once."""
-        self.call(self._recall, Recall.Request(run=run), RECALL_TIMEOUT, done)
+        self.call(self._recall, Recall.Request(run=run), Within(RECALL_TIMEOUT), done)
 
 
 class Progress:
@@ -146,80 +200,85 @@ class RecorderLink(Recalls):
 
     def __init__(self, node: CellNode) -> None:
         super().__init__(node)
-        self._start = introspected_client(node, StartRecording, names.START_RECORDING)
-        self._stop = introspected_client(node, StopRecording, names.STOP_RECORDING)
-        self._recorded = node.create_client(Recorded, names.RECORDED)
+        self._start = RoleClient(node, StartRecording, names.START_RECORDING, is_introspected=True)
+        self._stop = RoleClient(node, StopRecording, names.STOP_RECORDING, is_introspected=True)
+        self._recorded = RoleClient(node, Recorded, names.RECORDED)
 
     @property
     def is_there(self) -> bool:
         """Whether all services are offered."""
-        return super().is_there and self._start.service_is_ready() and self._stop.service_is_ready()
+        return super().is_there and self._start.is_there and self._stop.is_there
 
-    def start(self, run_id: str, resumes: str, timeout: float, done: Callable[[StartRecording.Response], None]) -> None:
+    def start(self, run_id: str, resumes: str, limit: Within, done: Callable[[StartRecording.Response], None]) -> None:
         """Request a log; resumes: of the log that the run goes on from, '' for none."""
-        self.call(self._start, StartRecording.Request(run_id=run_id, resumes=resumes), timeout, done)
+        self.call(self._start, StartRecording.Request(run_id=run_id, resumes=resumes), limit, done)
 
-    def stop(self, request: StopRecording.Request, timeout: float,
+    def stop(self, request: StopRecording.Request, limit: Within,
              done: Callable[[StopRecording.Response], None]) -> None:
         """Request to close the log of a run that has ended, until the recorder has closed it or says why not."""
-        self.call(self._stop, request, timeout, done,
-                   lambda response: request if response.missing and not response.log else None)
+        self.call(self._stop, request, limit, done,
+                  self._while_missing(request, limit, lambda response: not response.log))
 
-    def recorded(self, request: Recorded.Request, timeout: float, done: Callable[[Recorded.Response], None]) -> None:
+    def recorded(self, request: Recorded.Request, limit: Within, done: Callable[[Recorded.Response], None]) -> None:
         """Request whether the log holds results and readings; what is missing is waited for as in Progress."""
-        progress = Progress(self._node.seconds, 0.8 * timeout)
+        self.call(self._recorded, request, limit, done,
+                  self._while_missing(request, limit, lambda response: response.success))
 
-        def repeat(response: Recorded.Response) -> Recorded.Request | None:
-            is_expected = response.success and response.missing and progress.is_expected(len(response.missing))
-            return request if is_expected else None
+    def _while_missing(self, request: Any, limit: Within, is_waiting: Callable[[Any], bool]) -> Callable[[Any], Any]:
+        """Return what repeats a request while the log lacks something that may still come, as in Progress."""
+        progress = Progress(self._node.seconds, 0.8 * limit.seconds)
 
-        self.call(self._recorded, request, timeout, done, repeat)
+        def repeat(response: Any) -> Any:
+            missing = len(response.missing)
+            return request if missing and is_waiting(response) and progress.is_expected(missing) else None
+
+        return repeat
 
 
 class PlanCheck:
     """The question to the CMM, once for each run and for each block that may be added to its plan."""
 
     def __init__(self, node: CellNode) -> None:
-        self._node = node
-        self._client = node.create_client(CheckPlan, names.CHECK_PLAN)
+        self._node, self._cmm = node, Requests(node, _NODE_WORDS[names.CMM])
+        self._client = RoleClient(node, CheckPlan, names.CHECK_PLAN)
         self._plan: CalibrationPlan | None = None
-        self._sent = 0.0
         self._targets: Iterator[ProbeTarget] | None = None
         self._question = CheckPlan.Request()
-        self._answer: Future | None = None
+        self._answer: CheckPlan.Response | None = None
 
     @property
     def is_asking(self) -> bool:
         """Whether the question is made, or its answer is awaited."""
-        return self._targets is not None or (self._answer is not None and not self._answer.done())
+        return self._targets is not None or (self._plan is not None and self._answer is None)
 
     def is_passed(self, run_id: str, plan: CalibrationPlan, now: float, begin: int = 0) -> bool:
         """Return whether the CMM takes a plan, or does not offer to say so; False while it is asked.
 
         now: steady time, s; begin: index of the first target of which it is not known. Raises CellError where it does
-        not, in its words."""
+        not, in its words, or does not say."""
         if self._plan is not plan:
-            self._plan, self._question, self._targets, self._answer = plan, CheckPlan.Request(), None, None
-            if self._client.service_is_ready():
-                self._targets = self._targets_of(run_id, plan, begin)
+            self._plan, self._question, self._targets = plan, CheckPlan.Request(), None
+            self._answer = CheckPlan.Response(success=True)
+            if self._client.is_there:
+                self._targets, self._answer = self._targets_of(run_id, plan, begin), None
         if self._targets is not None:
             more = list(islice(self._targets, _AT_ONCE))
             self._question.targets.extend(more)
             if len(more) == _AT_ONCE:
                 return False
-            self._targets, self._sent, self._answer = None, now, self._client.call_async(self._question)
+            self._targets = None
+            self._cmm.call(self._client, self._question, _PLAN_TIMEOUT, self._take)
             self._question = CheckPlan.Request()
+        self._cmm.tick(now)
         if self._answer is None:
-            return True
-        if not self._answer.done():
-            if now > self._sent + _PLAN_TIMEOUT:
-                self._client.remove_pending_request(self._answer)
-                raise CellError(f'the CMM did not say within {_PLAN_TIMEOUT:g} s whether it can measure this plan')
             return False
-        answer = self._answer.result()
-        if not answer.success:
-            raise CellError(f'the CMM cannot measure this plan: {plain(answer.message, most=2000)}')
+        if not self._answer.success:
+            raise CellError(f'{"the CMM cannot measure this plan: " * self._cmm.has_answered}'
+                            f'{plain(self._answer.message, most=2000)}')
         return True
+
+    def _take(self, answer: CheckPlan.Response) -> None:
+        self._answer = answer
 
     def _targets_of(self, run_id: str, plan: CalibrationPlan, begin: int) -> Iterator[ProbeTarget]:
         stamp = self._node.now().to_msg()
@@ -233,14 +292,14 @@ class NextBlock:
 
     def __init__(self, node: CellNode, evaluator: Requests, plan_check: PlanCheck) -> None:
         self._evaluator, self._plan_check = evaluator, plan_check
-        self._client = node.create_client(NextReadings, names.NEXT_READINGS)
+        self._client = RoleClient(node, NextReadings, names.NEXT_READINGS)
         self._request, self._response = NextReadings.Request(), None  # the last ones
         self._sequence: Sequence | None = None  # for which they are
         self._plan: CalibrationPlan | None = None  # with the readings in the response
 
     def refuse_none(self, sequence: Sequence) -> None:
         """Raise CellError where a sequence will ask, and no evaluator offers to answer."""
-        if sequence.until and not self._client.service_is_ready():
+        if sequence.until and not self._client.is_there:
             raise CellError(f'until: wanted an evaluator with the service {names.NEXT_READINGS}, got none; start '
                             'another one, or calibrate without until')
 
@@ -256,7 +315,9 @@ class NextBlock:
             if self._request is request:
                 self._response = response
 
-        self._evaluator.call(self._client, request, sequence.limits.evaluation_timeout, take)
+        limits = sequence.limits
+        limit = Within(limits.attempts * limits.evaluation_timeout, 'limits.attempts times limits.evaluation_timeout_s')
+        self._evaluator.call(self._client, request, limit, take)
 
     def tick(self, sequence: Sequence, now: float) -> Commands:
         """Return what follows for a sequence once evaluator and CMM have answered; now: steady time, s."""
@@ -268,6 +329,7 @@ class NextBlock:
         try:
             block = conversions.block_scheme(response.block, sequence.plan.scheme.n)
             if response.success and block is not None:
+                sequence.refuse_block(block)
                 self._plan = self._plan or sequence.plan.followed_by(block)
                 if not self._plan_check.is_passed(sequence.run_id, self._plan, now, sequence.plan.run_end):
                     return ()
@@ -279,6 +341,8 @@ class NextBlock:
                 return (Warn(f'{error}; asking for other readings'),)
             block, text = None, f'{text}; {error}'
         self._response = None
+        if self._evaluator.is_late:  # not asked again: it would first answer this question
+            return sequence.not_answered(words)
         if not response.success:
             return sequence.not_decided(words, now)
         return sequence.decided(block, text, now, response.settled)
@@ -327,6 +391,7 @@ class CellMonitor:
         self._node, self._recorder = node, recorder
         self._monitors = {name: node.monitor(name) for name in names.NODES}
         self._publishers_of = {topic: node.publishers_of(topic) for topic in names.PUBLISHERS}
+        self._of_one = [*self._publishers_of.values(), *map(node.servers_of, names.SERVERS)]
         self._complete_since: float | None = None
         self._endpoints: frozenset[bytes] = frozenset()
         self.status = self._logged = ''
@@ -337,7 +402,7 @@ class CellMonitor:
         node = self._node
         missing = ['the CMM is being tried (rosette check-cmm)' if one.is_tried else
                    f'{one.conflict}: wanted one in this domain and namespace; is another cell running? Give each its '
-                   'own (--domain, --namespace)' for one in self._publishers_of.values() if one.conflict]
+                   'own (--domain, --namespace)' for one in self._of_one if one.conflict]
         if not (self._publishers_of[names.BALL_CENTRE].found and target_subscriptions(node)):
             missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
                            f'{names.BALL_CENTRE}, got none; '
@@ -347,6 +412,9 @@ class CellMonitor:
         if not node.count_publishers(names.ERROR_MOTIONS) or self._is_disconnected(names.EVALUATOR):
             missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; '
                            f'{self._remedy(names.EVALUATOR, "start it")}')
+        elif (busy := self._monitors[names.EVALUATOR].busy) > node.parameters['limits.evaluation_timeout_s']:
+            missing.append(f'the evaluator has answered nothing for {busy:.0f} s: it computes or hangs; wait, or '
+                           'restart it')
         if with_recorder and (self._is_disconnected(names.RECORDER) or not self._recorder.is_there):
             missing.append(f'no recorder: wanted its service {names.START_RECORDING}, got none; '
                            f'{self._remedy(names.RECORDER, "start it, or set require_recorder to false")}')

@@ -30,6 +30,8 @@ STATUS_LATE = 1.5 * STATUS_PERIOD  # after this time it is waited for, and nothi
 STATUS_LOST = 2.5 * STATUS_PERIOD  # a process without a status for this time is disconnected, s
 STATUS_HANGS = 40 * STATUS_PERIOD  # after this time, its supervisor ends and restarts a process that runs, s
 
+LONGEST_WORK = 120.0  # a node whose callback has not returned for this time publishes no status: it hangs, s
+
 TRANSFORMS = _profile(100)
 JOINTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Joint states: the last one counts, from publishers of both reliabilities."""

@@ -47,7 +47,7 @@ from rosette_ros.nodes.log_session import (
 from rosette_ros.nodes.node_requests import Progress
 
 WANTED = (
-    Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),
+    Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own', read_only=True),
     Wanted('recent_s', 2.0, 'requests and node health received so long before a run is requested belong to its log, s '
            'of wall time', 0.0, 60.0),
     Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000),
@@ -118,6 +118,7 @@ class Recorder(CellNode):
         self._ending: Progress | None = None  # since the log was to be closed
         self._looked: Any = None  # what the log held when its bytes were read last
         self._told, self._over_since = ('', RunState.PHASE_IDLE), math.inf  # last run and phase; of the open log's run
+        self._has_begun = False  # whether the sequencer told of the open log's run
         self._requested = ('', 0.0)  # the last run that was requested, and when
         self._is_simulated = self.get_parameter('use_sim_time').value
         self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] or self._is_simulated else {}
@@ -190,6 +191,7 @@ class Recorder(CellNode):
             self._fill(message)
         else:
             self._told = message.run_id, message.phase
+            self._has_begun = self._has_begun or message.run_id == self._session.run_id
             self._note_end()
 
     def _fill(self, message: Run) -> None:
@@ -228,17 +230,17 @@ class Recorder(CellNode):
 
     def _note_end(self) -> None:
         """Take note since when the sequencer tells that the run of the log is over, or tells of another run."""
-        run_id, phase = self._told
-        is_over = phase in OVER or run_id != self._session.run_id
-        self._over_since = min(self._over_since, self.seconds()) if is_over else math.inf
+        self._over_since = min(self._over_since, self.seconds()) if self._is_over else math.inf
 
     def _close_if_over(self, is_another: bool = False) -> None:
         """Close the log of a run that has been over for some time, as the sequencer tells.
 
         Its request to open or to close the log was not answered in time, and it requests that no more; or the
-        sequencer was restarted. is_another: whether another run begins."""
+        sequencer was restarted, or never told of this run. is_another: whether another run begins."""
         is_idle = self._told[1] == RunState.PHASE_IDLE
-        least = (0.0 if is_idle else SETTLED) if is_another else (SETTLED if is_idle else FORGOTTEN)
+        least = SETTLED if is_idle else FORGOTTEN
+        if is_another:
+            least = 0.0 if is_idle or not self._has_begun else SETTLED
         if self._session.is_open and self.seconds() - self._over_since >= least:
             if is_idle:
                 self._on_restart()
@@ -279,7 +281,9 @@ class Recorder(CellNode):
             since = self._requested[1] if self._requested[0] == request.run_id else self.seconds()
             self._session.open(directory, request.run_id, since, self.now().nanoseconds, earlier, links)
             self._contents, self._ending, self._over_since = contents, None, math.inf
-            if self._told[0] == request.run_id:  # nothing is known where no state, or one of another run, came before
+            self._has_begun = self._told[0] == request.run_id
+            # Where no sequencer is heard, nothing is known before its first state, or after one of another run.
+            if self._told[0] == request.run_id or self.monitor(names.SEQUENCER).count():
                 self._note_end()
         except RosetteError as error:
             self.get_logger().error(f'start_recording refused: {error}')
@@ -359,6 +363,10 @@ class Recorder(CellNode):
             response.message = f'wanted to close the log of run {plain(request.run_id)}, got {self._open_log}'
             return response
         session = self._session
+        if not self._is_over:  # the state may come after the request, which may be that of another node
+            response.missing = ['the end of the run']
+            response.message = f'wanted to close the log of run {session.run_id} after its end, got that it is measured'
+            return response
         self._replace_damaged()
         self._ending = self._ending or Progress(self.seconds, LAST_MESSAGES)
         response.missing = [] if session.failure else self._contents.missing(request)
@@ -370,6 +378,12 @@ class Recorder(CellNode):
         response.success, response.messages, response.lost = not response.message, session.messages, session.lost
         response.log = str(session.directory) if session.directory.is_dir() else ''
         return response
+
+    @property
+    def _is_over(self) -> bool:
+        """Whether the run of the log is over, as the sequencer tells, or it tells of another run."""
+        run_id, phase = self._told
+        return phase in OVER or run_id != self._session.run_id
 
     def _is_log_of(self, run_id: str) -> bool:
         return self._session.is_open and run_id == self._session.run_id

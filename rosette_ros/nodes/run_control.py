@@ -17,11 +17,21 @@ from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.nodes import conversions, names
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health
 from rosette_ros.nodes.liveliness import SETTLING
-from rosette_ros.nodes.node_requests import END_EVENTS, CellMonitor, NextBlock, PlanCheck, RecorderLink, Requests
+from rosette_ros.nodes.node_requests import (
+    END_EVENTS,
+    CellMonitor,
+    NextBlock,
+    PlanCheck,
+    RecorderLink,
+    Requests,
+    RoleClient,
+    Within,
+)
 from rosette_ros.nodes.run_topics import RunTopics
 from rosette_ros.words.calibration_words import with_advice
 
 TELL = 60.0  # a run logs its progress so often, s
+RECORDER_TIMEOUT = 'recorder_timeout_s'
 REMARKS = 5  # so many of the last warnings of a run are in /diagnostics
 
 
@@ -38,7 +48,7 @@ class RunControl:
         self.unfinished: RunAnswers | None = None
         self._last, self._last_level, self._published = 'no run yet', OK, 0.0
         self.recorder, self._evaluator = RecorderLink(node), Requests(node, names.EVALUATOR)
-        self._joint_client = node.create_client(EvaluateJointly, names.EVALUATE_JOINTLY)
+        self._joint_client = RoleClient(node, EvaluateJointly, names.EVALUATE_JOINTLY)
         self._cell, self._plan_check = CellMonitor(node, self.recorder), PlanCheck(node)
         self._next_block = NextBlock(node, self._evaluator, self._plan_check)
         # A request that a killed one has, is lost: its service is on the graph until the next one offers it.
@@ -54,9 +64,9 @@ class RunControl:
         return bool(self._node.parameters['require_recorder'])
 
     @property
-    def recorder_timeout(self) -> float:
-        """Wall time for opening, verifying or closing a log, s."""
-        return float(self._node.parameters['recorder_timeout_s'])
+    def recorder_timeout(self) -> Within:
+        """Wall time for opening, verifying or closing a log."""
+        return Within(float(self._node.parameters[RECORDER_TIMEOUT]), RECORDER_TIMEOUT)
 
     def begin(self, job: Job) -> None:
         """Begin a job: the log first, then the first target."""
@@ -147,15 +157,18 @@ class RunControl:
             job.since = now
         if job.is_waiting and job.is_over:
             self._on_closed(StopRecording.Response(success=True))
-        elif job.is_waiting and now - job.since > self.recorder_timeout + SETTLING:
+        elif job.is_waiting and now - job.since > self.recorder_timeout.seconds + SETTLING:
             self._do(job, job.sequence.fail(self._cell.status))
         elif job.is_waiting:
             self._open_log(job)
         else:
             if not (job.opening or job.is_over):
                 self._check_nodes(job, now)
-            self._do(job, self._next_block.tick(job.sequence, now))
             if not self._cell.is_late(names.CMM):  # else it may not have been there to be asked
+                more = self._next_block.tick(job.sequence, now)
+                if more and not job.is_over:  # the CMM, which was not needed, may be another one by now
+                    self._check_nodes(job, now)
+                self._do(job, more)
                 self._do(job, job.sequence.tick(now))
             if job.sequence.left is not None:
                 words = f'run {job.run_id}: {job.progress}: {job.sequence.describe()}'
@@ -263,7 +276,8 @@ class RunControl:
             self._close(job)
 
         self._evaluator.call(self._joint_client, EvaluateJointly.Request(run_ids=[*job.joint_with, job.run_id]),
-                             job.sequence.limits.evaluation_timeout, on_evaluated)
+                             Within(job.sequence.limits.evaluation_timeout, 'limits.evaluation_timeout_s'),
+                             on_evaluated)
 
     def _close(self, job: Job, end_is_recorded: bool = True) -> None:
         """Close the log of a job that is over; while it is being opened, wait for that."""

@@ -19,13 +19,13 @@ from rosette_ros.io.messages import answer_of
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.base_node import WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
-from rosette_ros.nodes.run_control import RunControl
+from rosette_ros.nodes.run_control import RECORDER_TIMEOUT, RunControl
 from rosette_ros.nodes.run_topics import RunTopics
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
 CELL = (
     Wanted('require_recorder', True, 'whether a run without a log is refused'),
-    Wanted('recorder_timeout_s', 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),
+    Wanted(RECORDER_TIMEOUT, 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),
     Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz', 0.1, 1e4))
 
 
@@ -155,7 +155,7 @@ class Sequencer(ManagedNode):
         if job is None:
             return
         self._control.cancel(job, 'the sequencer was stopped')
-        self.spin_until(lambda: not self.is_busy, self._control.recorder_timeout)
+        self.spin_until(lambda: not self.is_busy, self._control.recorder_timeout.seconds)
         self.spin_until(lambda: False, 0.5)  # the client of the goal fetches the result
 
     def health(self) -> Health:

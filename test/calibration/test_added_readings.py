@@ -112,6 +112,58 @@ def test_a_block_that_cannot_be_measured_is_refused(change):
         block_of(3, {**columns, **change})
 
 
+@pytest.mark.parametrize(('readings', 'wait', 'words'), [
+    (6, 0.0, 'wanted at most 5, with waits of at most 0 s, 2 times as long as the run has taken, got 6 with waits'),
+    (2, 3600.0, 'got 2 with waits of 3600 s')])
+def test_a_block_beyond_what_was_asked_for_is_refused(readings, wait, words):
+    """Whatever an evaluator says: the cell measured 60 readings where 6 were allowed, and stood still for a day."""
+    sequence = make()
+    asking(sequence)
+    columns = dict.fromkeys(('table_position', 'ball', 'approach'), [1] * readings)
+    with pytest.raises(InvalidPlan, match=f'^readings that are added: .*{words}'):
+        sequence.refuse_block(block_of(3, {**columns, 'wait': [wait] + [0.0] * (readings - 1)}))
+    sequence.refuse_block(block_of(3, {**{name: [1] * 5 for name in columns}, 'wait': [0.0] * 5}))
+
+
+def test_an_evaluator_that_does_not_answer_leaves_what_it_has_published():
+    """It was asked four times, for 120 s each, and the run then failed for want of the results that it had."""
+    sequence = make()
+    asking(sequence)
+    commands = sequence.not_answered('the evaluator did not answer within 360 s')
+    assert of_kind(commands, Ask, PublishRun) == []
+    (end,) = of_kind(commands, Finish)
+    assert end == Finish(Phase.DONE, 'error motions are published; without the drift check, not settled: the evaluator '
+                         'did not answer within 360 s')
+
+
+@pytest.mark.parametrize('is_settling', [True, False])
+def test_results_of_the_same_readings_are_kept(is_settling):
+    """They were to be evaluated again, after a restart of evaluator or recorder, and the evaluator hangs."""
+    sequence = make(drift_check=False)
+    sequence.verifies = True
+    asking(sequence)
+    if is_settling:
+        assert of_kind(sequence.not_decided('the evaluator was restarted', 0.0), PublishRun)
+    else:
+        sequence.decided(None, 'warm-up', 0.0, is_settled=True)
+        sequence.hold('the recorder is disconnected', 1.0)
+        assert of_kind(sequence.resume_asking(2.0, restarted=True), PublishRun)
+    commands = sequence.tick(3.0 + LIMITS.evaluation_timeout)
+    assert of_kind(commands, Verify) == [Verify(results_of(sequence))]
+    (end,) = of_kind(sequence.verified([]), Finish)
+    assert end.phase is Phase.DONE
+    assert end.text.endswith('not settled: wanted error motions from the evaluator within '
+                             f'{LIMITS.evaluation_timeout:g} s, got none' if is_settling else 'settled: warm-up')
+
+
+def test_a_plate_has_a_largest_size():
+    """Said before anything is measured."""
+    values = {**SETTINGS, 'plate.balls': 73}
+    with pytest.raises(InvalidPlan, match='^until: wanted at most 72 balls, got 73: '):
+        make_job(Request('calibrate', {'until_probability': 0.95}), values, ())
+    make_job(Request('calibrate'), values, ())
+
+
 def test_blocks_are_measured_until_nothing_is_open():
     """After the plan the evaluator is asked, and after each block; then the drift check, and the results count."""
     sequence = make()

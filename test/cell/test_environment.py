@@ -102,21 +102,52 @@ def test_the_command_that_resumes_names_the_domain_of_the_environment(monkeypatc
 @pytest.mark.parametrize(('given', 'domain', 'words'), [
     ('300', None, "ROS_DOMAIN_ID: wanted a whole number in 0..232, got '300'; set another one, or give --domain"),
     ('-1', None, "got '-1'"), ('lab', None, "got 'lab'"), ('300', 5, ''), ('', None, ''), (' 7 ', None, '')])
-def test_a_domain_that_does_not_exist(given, domain, words):
+def test_a_domain_that_does_not_exist(tmp_path, given, domain, words):
     """ROS would end the process, or log in its own words; one that is given is what counts."""
     if not words:
-        check_environment(domain, {'ROS_DOMAIN_ID': given, 'HOME': '/'})
+        check_environment(domain, {'ROS_DOMAIN_ID': given, 'HOME': str(tmp_path)})
         return
     with pytest.raises(CellError, match=re.escape(words)):
         check_environment(domain, {'ROS_DOMAIN_ID': given})
 
 
-@pytest.mark.parametrize('given', [{'HOME': '/root'}, {'ROS_HOME': '/ros'}, {'ROS_LOG_DIR': '/logs', 'HOME': ''}])
-def test_ros_has_to_have_a_place_for_its_logs(given):
+@pytest.mark.parametrize('given', [{'HOME': '{}/root'}, {'ROS_HOME': '{}/ros'}, {'ROS_LOG_DIR': '{}/logs', 'HOME': ''}])
+def test_ros_has_to_have_a_place_for_its_logs(tmp_path, given):
     """It ends the process without one, in its own words."""
-    check_environment(None, given)
+    check_environment(None, {name: value.format(tmp_path) for name, value in given.items()})
     with pytest.raises(CellError, match='^HOME: wanted the folder of the user, got none; set HOME, or ROS_LOG_DIR'):
         check_environment(None, dict.fromkeys(given, ''))
+
+
+@pytest.mark.parametrize(('given', 'words'), [
+    ({'RCUTILS_LOGGING_USE_STDOUT': 'abc'}, "RCUTILS_LOGGING_USE_STDOUT: wanted 0 or 1, got 'abc'; unset it"),
+    ({'RCUTILS_LOGGING_BUFFERED_STREAM': 'x'}, "RCUTILS_LOGGING_BUFFERED_STREAM: wanted 0 or 1, got 'x'; unset it"),
+    ({'RCUTILS_COLORIZED_OUTPUT': '7'}, "RCUTILS_COLORIZED_OUTPUT: wanted 0 or 1, got '7'; unset it"),
+    ({'ROS_STATIC_PEERS': '127.0.0.1;no such host'}, 'ROS_STATIC_PEERS: wanted names or addresses of computers, '
+     'separated by ";", got \'no such host\', which has no address; correct it, or unset it'),
+    ({'ROS_STATIC_PEERS': 'a' * 300}, 'ROS_STATIC_PEERS: wanted names or addresses'),
+    ({'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}, 'ROS_SECURITY_KEYSTORE: wanted the folder of '
+     "the keys, as ROS_SECURITY_STRATEGY is Enforce, got ''; set it (docs/security.md), or unset ROS_SECURITY_ENABLE"),
+    ({'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce', 'ROS_SECURITY_KEYSTORE': '/nowhere'},
+     "got '/nowhere'"),
+    ({'ROS_LOG_DIR': '/dev/null'}, 'ROS_LOG_DIR: wanted a folder for the logs of ROS, got /dev/null: File exists; set '
+     'ROS_LOG_DIR to another one'),
+    ({'ROS_HOME': '/dev/null'}, 'ROS_HOME: wanted a folder for the logs of ROS, got /dev/null/log: Not a directory'),
+])
+def test_what_ends_a_node_is_named(tmp_path, given, words):
+    """By the variable, in one line: ROS ends the process, with a traceback or in hundreds of lines."""
+    with pytest.raises(CellError) as caught:
+        check_environment(None, {'HOME': str(tmp_path), **given})
+    assert str(caught.value).startswith(words) or words in str(caught.value)
+
+
+def test_what_the_environment_wants_of_the_output_changes_no_cell(monkeypatch):
+    """Lines of the nodes are read by the cell: with another format or with colours, it waited for nodes in vain."""
+    monkeypatch.setenv('RCUTILS_CONSOLE_OUTPUT_FORMAT', '{message}')
+    monkeypatch.setenv('RCUTILS_COLORIZED_OUTPUT', '1')
+    done = subprocess.run([sys.executable, '-c', 'from rclpy.logging import get_logger as g; g("n").warning("words")'],
+                          env=supervisor.cell_environment(), stderr=subprocess.PIPE, text=True, check=True)
+    assert supervisor.LOG_LINE.fullmatch(done.stderr.strip()).groups() == ('WARN', 'words')
 
 
 @pytest.mark.parametrize(('name', 'value', 'verb', 'words'), [

@@ -140,6 +140,17 @@ def test_no_node_outlives_a_cell_that_was_killed(cell_command, wait_until):
     wait_until(lambda: not any(map(is_alive, nodes)))
 
 
+def test_no_node_outlives_a_cell_that_is_asked_to_end(cell_command):
+    """Not even one that is suspended and takes no signal: the recorder was left behind."""
+    process, output = cell_command
+    nodes = children(process.pid)
+    recorder = next(one for one in nodes if b'nodes.recorder' in Path(f'/proc/{one}/cmdline').read_bytes())
+    os.kill(recorder, signal.SIGSTOP)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(60) == 128 + signal.SIGTERM, output.read_text()
+    assert not any(map(is_alive, nodes))
+
+
 def test_the_command_restarts_and_ends_in_order(cell_command, wait_until):
     """A killed node is told and comes back; SIGTERM ends all of it in order."""
     process, output = cell_command

@@ -11,6 +11,7 @@ from rosette_ros.core.diagnosis.posterior import Explanation
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.advice import advise
 from rosette_ros.core.planning.block_ways import BlockWay, continued, ways, with_block
 from rosette_ros.core.planning.next_readings import (
     SettlingStep,
@@ -21,6 +22,7 @@ from rosette_ros.core.planning.next_readings import (
     steps_of,
 )
 from rosette_ros.core.planning.predictions import Predictor, best_fit, expected_share, information, share_of_need
+from rosette_ros.core.run.errors import InvalidPlan
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.core.run.touches import USUAL_PACE
 from rosette_ros.simulation import Machine, MachineConfig
@@ -167,6 +169,16 @@ def test_the_same_run_gives_the_same_block_and_a_refused_one_never():
 def as_rows(block):
     """Return the readings of a block."""
     return [getattr(block, name).tolist() for name in ('table_position', 'ball', 'approach', 'wait')]
+
+
+def test_a_plate_has_a_largest_size():
+    """It took 105 s and 7 GB for 120 balls."""
+    for ask in (lambda: next_readings(synthetic_run(73, 'row', 1, noise=SIGMA, repeatability=SIGMA)[0]),
+                lambda: advise(73)):
+        with pytest.raises(InvalidPlan, match=r'^(next readings|advise): wanted at most 72 balls, got 73: for more it '
+                           r'takes minutes and memory \(72 balls: 2 GB, 120 balls: 7 GB\); measure a whole plan, and '
+                           'diagnose it$'):
+            ask()
 
 
 def test_a_sound_run_is_settled():

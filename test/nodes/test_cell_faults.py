@@ -229,24 +229,17 @@ def test_second_calibration_is_refused_by_service_and_action_while_one_is_on(cel
     assert len(served) >= 2
 
 
-def test_log_folder_that_cannot_be_is_told_in_words(cell_and_cmm, client, peer, tmp_path):
-    """No log, no run; the folder is a parameter that can be set while the recorder runs."""
-    cell, cmm = cell_and_cmm
-    (tmp_path / 'file').write_text('x')
-    parameters = AsyncParameterClient(peer.node, 'recorder')
+@pytest.mark.parametrize(('node', 'name'), [
+    ('recorder', 'log_dir'), ('sequencer', 'plan'), ('sequencer', 'plate.file'), ('sequencer', 'identity')])
+def test_no_node_of_the_graph_names_a_file_of_this_computer(cell_and_cmm, peer, node, name):
+    """A plan showed 80 characters of any file that the sequencer can read; logs went to any folder."""
+    parameters = AsyncParameterClient(peer.node, node)
     assert parameters.wait_for_services(10.0)
-    before = cell.log_dir
-    for folder in (tmp_path / 'file' / 'runs', before):
-        future = parameters.set_parameters([Parameter('log_dir', value=str(folder))])
-        while not future.done():
-            time.sleep(0.02)
-        assert future.result().results[0].successful
-        if folder != before:
-            outcome = client.calibrate(check=cell.check)
-            assert not outcome.success
-            assert 'no log: ' in outcome.message
-            assert 'wanted a folder for the log' in outcome.message
-            assert cmm.asked == []
+    future = parameters.set_parameters([Parameter(name, value='/etc/passwd')])
+    while not future.done():
+        time.sleep(0.02)
+    (result,) = future.result().results
+    assert not result.successful and 'read-only' in result.reason
 
 
 def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_until):

@@ -132,10 +132,11 @@ def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
         assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
 
 
-def test_a_sequencer_that_is_killed_after_success(killable, undisturbed):
+def test_a_sequencer_that_is_killed_after_success(killable, undisturbed, wait_until):
     """Its client says success, with the results and the log: it advised to resume what lacks nothing."""
     cell, domain, _ = killable
-    killed = []
+    killed, sequencer = [], cell.processes['sequencer']
+    begun = sequencer.output.read_text().count(names.COMPLETE)
 
     def look(progress):
         if progress.phase == Phase.DONE and not killed:
@@ -151,6 +152,7 @@ def test_a_sequencer_that_is_killed_after_success(killable, undisturbed):
     assert outcome.verdict == undisturbed.verdict
     assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
     assert read_log(outcome.log).to_run().size == N * N
+    wait_until(lambda: sequencer.output.read_text().count(names.COMPLETE) > begun)
 
 
 @pytest.mark.parametrize('moment', [names.READY, 'recording run'])

@@ -214,3 +214,15 @@ def test_every_change_is_published(answers, ask, wait_until):
     wait_until(lambda: len(ask.heard['diagnosis']) == 1 + 2 + 3)
     assert len(ask.heard['error_motions']) == 1 + 3
     assert len(ask.heard['model']) >= 1 + 3  # and the one of the start, if it was heard
+
+
+@pytest.mark.parametrize(('wanted', 'words'), [
+    ({'until_probability': float('nan')}, 'until.probability: wanted a number in 0 .. 1 '),
+    ({'until_probability': -5.0}, 'until.probability: wanted a number in 0 .. 1 '),
+    ({'until_probability': 0.3}, 'until.probability: wanted a number above 0.5 and below 1, or 0 for none, got 0.3'),
+    ({'until_uncertainty': float('nan')}, 'until.uncertainty_m: wanted a number in 0 .. 1 '),
+    ({'until_probability': 0.95, 'until_uncertainty': -1.0}, 'until.uncertainty_m: wanted a number in 0 .. 1 ')])
+def test_next_readings_of_no_probability_are_refused(calibrated, ask, wanted, words):
+    """By the service itself, whoever asks: a probability of nan was settled."""
+    answer = ask('next_readings', run_id=calibrated.run_id, **wanted)
+    assert not answer.success and words in answer.message and not answer.settled

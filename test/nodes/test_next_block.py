@@ -8,11 +8,17 @@ from rosette_msgs.msg import Block
 from rosette_msgs.srv import NextReadings
 
 from rosette_ros.calibration.state_machine import Until, Warn
-from rosette_ros.core.run.errors import CellError
+from rosette_ros.core.run.errors import CellError, InvalidPlan
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.nodes.node_requests import NextBlock
 
 WORDS = 'the CMM cannot measure this plan: no way to ball 2'
+
+
+@pytest.fixture(autouse=True)
+def without_ros(monkeypatch):
+    """No client joins a graph; the service is not offered."""
+    monkeypatch.setattr('rosette_ros.nodes.node_requests.RoleClient', lambda *_: SimpleNamespace(is_there=False))
 
 
 class Rig:
@@ -21,17 +27,23 @@ class Rig:
     def __init__(self, refused=(), **response):
         """Take the balls that the CMM refuses, and what the evaluator answers otherwise."""
         self.refused, self.response, self.requests, self.heard = refused, response, [], []
-        self.client = SimpleNamespace(service_is_ready=lambda: False)
-        node = SimpleNamespace(create_client=lambda kind, name: self.client)
-        self.block = NextBlock(node, self, self)
+        self.is_late, self.most = False, 12
+        self.block = NextBlock(None, self, self)
         made = plan(3)
         self.sequence = SimpleNamespace(
             run_id='a', until=Until(0.95, 0.0, 0), limits=SimpleNamespace(attempts=3, evaluation_timeout=5.0),
             plan=SimpleNamespace(scheme=made, run_end=9, followed_by=lambda block: block),
+            refuse_block=self.refuse_block,
+            not_answered=lambda *what: self.heard.append(what) or ('not answered',),
             decided=lambda *what: self.heard.append(what) or ('decided',),
             not_decided=lambda *what: self.heard.append(what) or ('not decided',))
 
-    def call(self, client, request, timeout, done):
+    def refuse_block(self, block):
+        """Refuse a block that is longer than was asked for."""
+        if block.ball.size > self.most:
+            raise InvalidPlan('too many')
+
+    def call(self, client, request, limit, done):
         """Answer at once."""
         self.requests.append(request)
         ball = len(request.refused) + 1
@@ -89,6 +101,20 @@ def test_an_answer_that_is_none(response, heard):
     """The sequence decides what becomes of it."""
     rig = Rig(**response)
     assert rig.ask() == ['not decided'] and rig.heard[0][0].startswith(heard)
+
+
+def test_more_readings_than_were_asked_for():
+    """They are not put to the CMM: the evaluator is asked again, not for ever."""
+    rig = Rig(block=Block(table_position=[1] * 13, ball=[1] * 13, approach=[1] * 13, wait=[0.0] * 13))
+    rig.refused = (1,)  # the CMM is not asked
+    assert rig.ask() == ['not decided'] and rig.heard[0][0] == 'too many'
+
+
+def test_an_evaluator_that_does_not_answer_in_time_is_not_asked_again():
+    """It would first answer what it was asked before; the results that it has published are kept."""
+    rig = Rig(success=False, message='the evaluator did not answer within 15 s')
+    rig.is_late = True
+    assert rig.ask() == ['not answered'] and rig.heard == [('the evaluator did not answer within 15 s',)]
 
 
 def test_nothing_more_is_wanted():

@@ -11,7 +11,6 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from recordings import measure, receive, start, stop
 from rosette_msgs.msg import (
     BallCentre,
@@ -372,8 +371,10 @@ def test_the_log_of_a_run_that_failed_before_it_was_open_is_closed(recorder, mon
             recorder._close()
 
 
-def test_a_folder_that_cannot_be_looked_at_is_told(recorder, tmp_path):
+def test_a_folder_that_cannot_be_looked_at_is_told(ros, tmp_path):
     """The name is longer than file systems allow: the recorder ended with a traceback."""
-    recorder.set_parameters([Parameter('log_dir', value=str(tmp_path / ('a' * 300)))])
-    answer = start(recorder, 'a')
+    with ros('-r', '__ns:=/rosette', '-p', f'log_dir:={tmp_path / ("a" * 300)}'):
+        recorder = Recorder()
+        answer = start(recorder, 'a')
+        recorder.destroy_node()
     assert not answer.success and 'wanted a folder for the log, got: File name too long' in answer.message

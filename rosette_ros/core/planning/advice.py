@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.planning.size import refuse_more
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.records import Floats, Ints, Run
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
@@ -203,6 +204,7 @@ def scheme_of(run: Run) -> Scheme:
 
 def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: Sequence[str], seed: int,
             rotation: Floats | None = None, balls: tuple[int, ...] = ()) -> Advice:
+    refuse_more(n, 'advise')
     judged = [entry for entry in present.shares.values() if not entry.reason]
     weak = tuple(entry.name for entry in judged if entry.typical_share < GOOD_SHARE)
     for name in wanted:

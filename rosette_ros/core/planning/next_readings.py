@@ -51,6 +51,7 @@ from rosette_ros.core.planning.predictions import (
     members_of,
     share_of_need,
 )
+from rosette_ros.core.planning.size import refuse_more
 from rosette_ros.core.run.records import Floats, Ints, Run
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.core.run.touches import USUAL_PACE, Pace
@@ -113,8 +114,9 @@ def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, p
 
     readings: most in the block; pace: of the cell; until: probability from which on an explanation is settled;
     uncertainty: U from which on the curves are, m, None for any; refused: blocks that the CMM does not take, none of
-    which is given again. Raises as `diagnose`.
+    which is given again. Raises as `diagnose`, and InvalidPlan for a plate of more than MOST_BALLS.
     """
+    refuse_more(run.n, 'next readings')
     found = standing(run, model, until, uncertainty)
     if found.is_settled:
         return found
