@@ -23,6 +23,7 @@ from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation import trend_results as results
 from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.presentation.table_format import Table
+from rosette_ros.words.effect_words import names
 
 DAY = 86400.0
 LEAST_SHARE = 1e-3
@@ -341,7 +342,7 @@ def trend_of(history: History) -> TableTrend:
                         f'{factor * limit:.3g} {unit}')
     for event in recent:
         strongest = event.steps[0]
-        said.append(f'{text.names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
+        said.append(f'{names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
                     f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by '
                     f'{results.size_words(strongest)}')
     return TableTrend(history, events, history.forecasts(events), tuple(unkept), recent, tuple(said))

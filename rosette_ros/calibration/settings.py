@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a calibration is asked to do: the configured settings and what a goal changes. No ROS."""
 
-import difflib
 import itertools
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -16,7 +15,7 @@ from rosette_ros.calibration.calibration_plan import BLOCK, CalibrationPlan, blo
 from rosette_ros.calibration.commands import Limits, Until
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.run.axes import taught_frame
-from rosette_ros.core.run.errors import InvalidConfig, InvalidPlan
+from rosette_ros.core.run.errors import InvalidConfig, InvalidPlan, unknown
 from rosette_ros.core.run.number_limits import LARGEST
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS, Scheme, chosen_places, order_name, places_in_use, plan
 from rosette_ros.io.identity_file import format_identity, parse_identity, read_identity
@@ -223,7 +222,7 @@ def parse_options(text: str) -> dict[str, Value]:
     known, changes = {wanted.name: wanted for wanted in OPTIONS}, {}
     for name, value in parse_mapping(text, 'options', MAX_OPTIONS, 'repeats: 5', InvalidConfig).items():
         if name not in known:
-            raise InvalidConfig(unknown_name('options', str(name)[:80], known))
+            raise InvalidConfig(f'options: {unknown(str(name)[:80], known)}')
         changes[name] = known[name].check(value, 'options')
     return changes
 
@@ -328,10 +327,3 @@ def first_free(name: str, is_taken: Callable[[str], bool]) -> str:
     """Return a name, or the first of `<name>_2`, `<name>_3` and so on, that is not taken."""
     more = (f'{name}_{number}' for number in itertools.count(2))
     return next(one for one in itertools.chain([name], more) if not is_taken(one))
-
-
-def unknown_name(where: str, name: str, known: Iterable[str]) -> str:
-    """Return the words for a name that does not exist, with the likely and all known ones."""
-    near = difflib.get_close_matches(name, known, 1)
-    hint = f'; did you mean {near[0]}?' if near else '.'
-    return f'{where}: unknown name {name!r}{hint} Known: {", ".join(known)}'

@@ -34,7 +34,7 @@ from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
 from rosette_ros.presentation.report.run_page import touches_of
-from rosette_ros.words.effect_words import capital
+from rosette_ros.words.effect_words import capital, fixed
 from rosette_ros.words.joint_words import note_words
 from rosette_ros.words.reading_words import fact_words, notes_of, remark_words
 from rosette_ros.words.result_words import ConclusionText, conclusion_text
@@ -276,7 +276,7 @@ def _measured(run: Run, source: Source) -> Measured:
                           f'{remark_words(doubt)}')
     days = (source.begun[:10], source.ended[:10]) if source.begun and source.ended else None
     known = known_temperatures(run)
-    degrees = [text.fixed(float(one), 3) for one in (known.min(), known.max())] if known.size else []
+    degrees = [fixed(float(one), 3) for one in (known.min(), known.max())] if known.size else []
     rows = (
         ('Run', run.run_id or Path(run.source).name), ('Readings', text.run_size(run)),
         ('Sequence', text.sequence_words(order_of(run, source))), ('Table axis', text.axis_words(run.rotation)),

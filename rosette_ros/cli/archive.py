@@ -33,11 +33,11 @@ from rosette_ros.io.budget_file import environment_of, format_environment, read_
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.text_file import refuse_output, write_text
-from rosette_ros.presentation.formatting import fixed, names
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.plots.plot_style import save_all
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
 from rosette_ros.presentation.trend_results import ranges_over_time, size_words, slope_words, trend_html
+from rosette_ros.words.effect_words import fixed, names
 
 MOST_WORKERS = 4096
 

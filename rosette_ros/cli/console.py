@@ -17,11 +17,11 @@ from rich.markup import escape
 from rosette_ros.core.run.records import Run
 from rosette_ros.presentation.formatting import (
     glued,
-    missing_words,
     model_words,
     residual_words,
     run_size,
     uncertainty_words,
+    unmeasured_words,
 )
 from rosette_ros.presentation.table_format import Column, Table, words
 from rosette_ros.words.reading_words import notes_of, remark_words
@@ -132,7 +132,7 @@ def pairs(rows: Iterable[tuple[str, str]]) -> rich.table.Table:
 
 def head(run: Run) -> str:
     """Return what was measured in a line, and in further ones what is missing and how a table was read."""
-    lines = (f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}', missing_words(run), *notes_of(run))
+    lines = (f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}', unmeasured_words(run), *notes_of(run))
     return '\n'.join(filter(None, lines))
 
 

@@ -36,7 +36,7 @@ from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.text_file import write_text
 from rosette_ros.io.type_definitions import StoredTypes
 from rosette_ros.nodes.environment import check_middleware
-from rosette_ros.presentation.formatting import fixed, millimetres
+from rosette_ros.presentation.formatting import millimetres
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import open_source, report_html
@@ -44,6 +44,7 @@ from rosette_ros.presentation.report.verification import MAKER_COLUMNS, ROLES, v
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import curves
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.effect_words import fixed
 from rosette_ros.words.verdict_words import verdict_text
 
 OFFLINE = ('--offline',)

@@ -30,11 +30,12 @@ from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.dme.wire import PORT, Call, call, named, shown
 from rosette_ros.io.reading_checks import Check
 from rosette_ros.io.text_file import refuse_output, write_text
-from rosette_ros.presentation.formatting import duration, fixed
+from rosette_ros.presentation.formatting import duration
 from rosette_ros.presentation.plots import plot_style
 from rosette_ros.presentation.plots.touch_plots import probe_path
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.simulation import MachineConfig, load_machine
+from rosette_ros.words.effect_words import fixed
 
 SPEEDS = tuple(f'Tool.{group}.{name}' for group in ('GoToPar', 'PtMeasPar') for name in ('Speed', 'Accel'))
 NAMES = {'': '', '.Min': 'least ', '.Max': 'most '}

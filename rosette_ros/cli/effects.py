@@ -21,16 +21,17 @@ from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model, Term
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.errors import InvalidModel, NotDeterminable
+from rosette_ros.core.run.number_words import significant
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.error_results import change_errors, curve_changes
-from rosette_ros.presentation.formatting import MEANINGS, micro, model_words, scale_of, significant
+from rosette_ros.presentation.formatting import micro, model_words
 from rosette_ros.presentation.json_output import change_json, effects_json
 from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.presentation.tables import fitted_effects
-from rosette_ros.words.effect_words import capital
+from rosette_ros.words.effect_words import MEANINGS, capital, scale_of
 from rosette_ros.words.verdict_words import titles
 
 ADD, REMOVE = 'add', 'remove'

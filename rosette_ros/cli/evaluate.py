@@ -43,6 +43,7 @@ from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_spheres
+from rosette_ros.core.run.number_words import micrometres
 from rosette_ros.core.sight.visibility import Visibility, visibility
 from rosette_ros.core.uncertainty.error_summary import ONE_SENSE, doubt_of, fit_lines, four_axis_errors
 from rosette_ros.core.uncertainty.uncertainty_budget import stated_lines
@@ -54,7 +55,7 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.budget_results import environment_json, environment_words, hidden_table
 from rosette_ros.presentation.error_results import errors, four_axis_json, four_axis_table
 from rosette_ros.presentation.explanation_results import causes, explanations
-from rosette_ros.presentation.formatting import FOUND, NOW, micrometres, uncertainty_words
+from rosette_ros.presentation.formatting import FOUND, NOW, uncertainty_words
 from rosette_ros.presentation.json_output import comparison_json, diagnosis_json, evaluation_json
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json

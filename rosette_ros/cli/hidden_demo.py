@@ -34,12 +34,13 @@ from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import EXTENDED
 from rosette_ros.io.model_file import read_model, write_model
-from rosette_ros.presentation.formatting import duration, exact, fixed, residual_words, sigmas, sized
+from rosette_ros.presentation.formatting import duration, residual_words, sigmas, sized
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import nested_models
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 from rosette_ros.simulation.envelope import open_envelope, seal_envelope
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.effect_words import exact, fixed
 from rosette_ros.words.verdict_words import titles
 
 ENVELOPE, MODEL = 'envelope.json', 'model.yaml'

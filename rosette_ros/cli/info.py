@@ -23,6 +23,7 @@ from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.words.effect_words import fixed
 from rosette_ros.words.reading_words import notes_of, remark_words
 
 
@@ -121,7 +122,7 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'repeatability_m': found.repeatability if found else None,
             'repeatability_dof': found.repeatability_dof if found else None,
             'repeatability_axes_m': found.repeatability_axes if found else None,
-            'notes': notes_of(found) if found else (), 'missing': text.missing_words(found) if found else '',
+            'notes': notes_of(found) if found else (), 'missing': text.unmeasured_words(found) if found else '',
             'remarks': tuple(map(remark_words, found.remarks)) if found else (), 'unused': {},
             'published_curves': 0, 'model': None,
             'simulated': found.simulated if found else None, 'ended': None, 'broken_off': '', 'problem': None,
@@ -169,7 +170,7 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
             ('Duration', text.run_duration(facts['duration_s'] or 0.0)),
             ('Pauses', facts['pauses']),
             ('Not used', ', '.join(f'{count} answers {reason}' for reason, count in facts['unused'].items())),
-            ('Temperature', f'{" to ".join(text.fixed(one, 3) for one in degrees)} °C' if degrees else ''),
+            ('Temperature', f'{" to ".join(fixed(one, 3) for one in degrees)} °C' if degrees else ''),
             ('Repeatability', text.repeatability_words(
                 facts['repeatability_m'], facts['repeatability_dof'], facts['repeatability_axes_m'])),
             ('Published', f'error motions, {facts["published_curves"]}×, model {escape(facts["model"] or "")}'

@@ -37,9 +37,10 @@ from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation import plan_results as results
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.formatting import exact, millimetres
+from rosette_ros.presentation.formatting import millimetres
 from rosette_ros.presentation.json_output import advice_json
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.effect_words import exact
 from rosette_ros.words.plan_words import better_words
 from rosette_ros.words.settling_words import next_words
 

@@ -15,6 +15,7 @@ from rosette_ros.cli.arguments import UsageError, add_shared, number, picture_fi
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
 from rosette_ros.core.diagnosis.verdict import Level, Verdict
+from rosette_ros.core.run.number_words import SCALES
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.sight.visibility import visibility
 from rosette_ros.core.table.correction import Correction
@@ -30,8 +31,8 @@ from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
 from rosette_ros.presentation.correction_results import check_json, check_table, correction_table
-from rosette_ros.presentation.formatting import SCALES, exact
 from rosette_ros.words.budget_words import not_considered
+from rosette_ros.words.effect_words import exact
 from rosette_ros.words.verdict_words import verdict_text
 
 NOT_CONFIRMED = 1

@@ -29,7 +29,13 @@ from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import verification
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables, open_with_files
 from rosette_ros.presentation.report.provenance import digest, open_source
-from rosette_ros.presentation.report.run_page import budget_of, every_table, pictures_of, report_html, touches_of
+from rosette_ros.presentation.report.run_page import (
+    budget_of_summary,
+    every_table,
+    pictures_of,
+    report_html,
+    touches_of,
+)
 from rosette_ros.presentation.report.verification import Verification, read_maker, verify
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.words.result_words import ConclusionText, conclusion_text
@@ -120,7 +126,7 @@ def report_run(options: Namespace, place: str) -> None:
         summary = replace(summary, environment=inputs.environment if inputs else None)
         step('draw')
         refit = touches_of(source)[0]
-        made = budget_of(summary, refit, inputs)
+        made = budget_of_summary(summary, refit, inputs)
         pictures = pictures_of(summary, overlays, refit, made, is_whole, source)
         write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs, options.annex),
                    options.force)

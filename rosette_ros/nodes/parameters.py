@@ -12,8 +12,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from rosette_ros.calibration.settings import Value, Wanted, unknown_name
-from rosette_ros.core.run.errors import InvalidConfig
+from rosette_ros.calibration.settings import Value, Wanted
+from rosette_ros.core.run.errors import InvalidConfig, unknown
 from rosette_ros.nodes.names import NODES
 
 _OWN = ('use_sim_time', 'start_type_description_service')  # what every rclpy node declares for itself
@@ -32,7 +32,7 @@ class Parameters:
         given = node.get_parameters_by_prefix('')
         for name in given:
             if name not in self._wanted and name not in _OWN and 'qos_overrides' not in name:
-                raise InvalidConfig(unknown_name(self._where, name, self._wanted))
+                raise InvalidConfig(f'{self._where}: {unknown(name, self._wanted)}')
         for name, one in self._wanted.items():
             value = one.default
             if name in given:

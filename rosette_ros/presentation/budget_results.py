@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import scipy  # which loads its parts where they are used
 
+from rosette_ros.core.run.number_words import significant
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.uncertainty.budget_lines import root_mean
 from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo
@@ -15,7 +16,9 @@ from rosette_ros.core.uncertainty.uncertainty_budget import PROBABILITY, Budget
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.table_format import Column, Table, column, words
+from rosette_ros.words import effect_words
 from rosette_ros.words.budget_words import not_considered
+from rosette_ros.words.effect_words import MICRO_DECIMALS, decimals, fixed, scale_of, title_of
 
 SCHEMA = 'rosette-budget-results/1'
 ROWS = ('combined u', f'U (k = {COVERAGE_FACTOR})', 'U, worst point', 'effective dof')
@@ -46,7 +49,7 @@ def contributions(made: Budget) -> Table:
     columns = [words('contribution', 'contribution', [one.name for one in lines], rows)]
     for place, (curve, (factor, unit)) in enumerate(zip(CURVES, text.curve_scales(), strict=True)):
         digits = _digits(factor * u[place])
-        footer = [text.fixed(factor * value, digits) for value in (
+        footer = [fixed(factor * value, digits) for value in (
             u[place], COVERAGE_FACTOR * u[place], COVERAGE_FACTOR * worst[place])][:WORST + (not is_even)]
         columns.append(column(
             f'u_{curve}_{text.file_unit(unit)}', names[place], [factor * float(one.mean[place]) for one in lines],
@@ -62,7 +65,7 @@ def bound_table(made: Budget) -> Table:
     return Table('bounds', 'Bounds of effects that are not in the model, beside the combined u', (
         words('effect', 'effect', [one.name for one in lines]), words('words', 'bound', [one.words for one in lines]),
         *(column(f'u_{curve}_{text.file_unit(unit)}', name, [factor * float(one.mean[place]) for one in lines],
-                 text.significant, unit)
+                 significant, unit)
           for place, (curve, (factor, unit), name) in enumerate(zip(CURVES, text.curve_scales(), names, strict=True)))),
         note='Standard uncertainties if the effect were as large as its bound; no estimates.')
 
@@ -75,7 +78,7 @@ def hidden_table(made: Budget) -> Table | None:
     names, shares = text.curve_names(made.fit.run.rotation), made.around.shares
     shown = [name for name, one in shares.items() if one.max() >= LEAST_SHARE]
     return Table('hidden', f'What this order cannot show, in U (environment: {made.around.environment.name})', (
-        words('effect', 'effect', shown), words('title', 'what may be there', map(text.title_of, shown)),
+        words('effect', 'effect', shown), words('title', 'what may be there', map(title_of, shown)),
         *(column(f'share_{curve}', names[place], [float(shares[name][place]) for name in shown], text.percent)
           for place, curve in enumerate(CURVES))),
         note='Shares in the variance of each curve; effects with less than 1 % in all of them are left out.')
@@ -86,14 +89,14 @@ def environment_words(environment: Environment | None) -> str:
     if environment is None:
         return 'not stated: U lacks what the order of measurement cannot show'
     sizes = [f'{KINDS[kind].words} {_size(one.value, KINDS[kind].si)}' for kind, one in environment.sizes.items()]
-    sizes += [f'{text.title_of(name)} {_size(one.value, "m")} at a ball'
+    sizes += [f'{title_of(name)} {_size(one.value, "m")} at a ball'
               for name, one in environment.effects.items()]
     return f'{environment.name}: {", ".join(sizes)} in a run (standard deviations from run to run)'
 
 
 def _size(value: float, unit: str, digits: int = 1) -> str:
-    scale = text.scale_of(unit)
-    return f'{text.fixed(scale.factor * value, text.decimals(scale.factor * value, digits))} {scale.unit}'
+    scale = scale_of(unit)
+    return f'{fixed(scale.factor * value, decimals(scale.factor * value, digits))} {scale.unit}'
 
 
 def beyond_words(environment: Environment | None) -> str:
@@ -122,7 +125,7 @@ def stated_json(environment: Environment | None) -> Json | None:
 
 
 def _digits(u: float) -> int:
-    return text.decimals(COVERAGE_FACTOR * u, 2) + 1 if u else text.MICRO_DECIMALS
+    return decimals(COVERAGE_FACTOR * u, 2) + 1 if u else MICRO_DECIMALS
 
 
 def shown_dof(dof: float) -> str:
@@ -153,7 +156,7 @@ def monte_carlo_table(made: Budget, found: MonteCarlo) -> Table:
 
     def micro(key: str, head: str, values: list[float]) -> Column:
         scaled = tuple(factor * value for factor, value in zip(factors, values, strict=True))
-        return Column(key, head, scaled, tuple(map(text.fixed, scaled, digits)))
+        return Column(key, head, scaled, tuple(map(fixed, scaled, digits)))
 
     return Table('budget_monte_carlo', f'Monte Carlo, {found.trials} trials, seed {found.seed} (GUM S1)', (
         words('curve', 'curve', text.curve_names(made.fit.run.rotation)), words('unit', 'unit', text.curve_units()),
@@ -178,7 +181,8 @@ def agreement_words(found: MonteCarlo) -> str:
                 f'{beside}.')
     if found.agrees:
         return f'Monte Carlo confirms the budget: all intervals agree within the tolerance; {beside}.'
-    names = text.names([curve for curve, one in zip(CURVES, found.agreements, strict=True) if one.agrees is False])
+    names = effect_words.names([curve for curve, one in zip(CURVES, found.agreements, strict=True)
+                                if one.agrees is False])
     return f'Monte Carlo does not confirm the budget of {names}: take its intervals instead; {beside}.'
 
 

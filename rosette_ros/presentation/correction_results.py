@@ -13,6 +13,7 @@ from rosette_ros.core.uncertainty.error_summary import error_lines
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json, plain
 from rosette_ros.presentation.table_format import Field, Table, fields_json, fields_table, words
+from rosette_ros.words.effect_words import decimals, fixed, scale_of
 
 
 def correction_table(correction: Correction) -> Table:
@@ -21,11 +22,11 @@ def correction_table(correction: Correction) -> Table:
     factors = text.curve_factors()
     values = factors * [line.range for line in lines]
     u = COVERAGE_FACTOR * factors * [line.u_point for line in lines]
-    places = [text.decimals(one) for one in u]
+    places = [decimals(one) for one in u]
     return Table('correction', 'What is corrected', (
         words('error', 'error motion', CURVES), words('unit', 'unit', text.curve_units()),
-        words('range', 'range', map(text.fixed, values, places)),
-        words('U', 'U of a single value', map(text.fixed, u, places)),
+        words('range', 'range', map(fixed, values, places)),
+        words('U', 'U of a single value', map(fixed, u, places)),
         words('what', 'correction', [
             'not corrected' if curve not in correction.corrected else
             'corrected, although it may be noise' if value < 2 * one else 'corrected'
@@ -45,13 +46,13 @@ def check_table(check: CorrectionCheck) -> Table:
 def _sized(key: str, name: str, get: str = '') -> Field:
     """Return the Field of a size in the unit of its curve, with as many decimals as U has."""
     size = attrgetter(get or key)
-    return Field(key, name, get, number=False, text=lambda one: text.fixed(
-        (factor := text.scale_of(SI_UNITS[one.curve]).factor) * size(one), text.decimals(factor * one.expanded)))
+    return Field(key, name, get, number=False, text=lambda one: fixed(
+        (factor := scale_of(SI_UNITS[one.curve]).factor) * size(one), decimals(factor * one.expanded)))
 
 
 CHECKED_ERROR = (
     Field('curve', 'error motion', number=False),
-    Field('unit', 'unit', lambda one: SI_UNITS[one.curve], lambda unit: text.scale_of(unit).unit, number=False),
+    Field('unit', 'unit', lambda one: SI_UNITS[one.curve], lambda unit: scale_of(unit).unit, number=False),
     _sized('before', 'before'), _sized('expected', 'expected', 'promised'), _sized('after', 'after'),
     _sized('U', 'U of a single value', 'expanded'),
     Field('taken_off', 'corrected by', 'gain', lambda gain: text.percent(gain) if np.isfinite(gain) else '',

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change
+from rosette_ros.core.run.number_words import UNKNOWN, significant
 from rosette_ros.core.run.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.core.uncertainty import error_summary as summary
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
@@ -16,6 +17,7 @@ from rosette_ros.core.uncertainty.error_summary import DECISION_RULE, SURE, Axis
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, column, words
+from rosette_ros.words.effect_words import decimals, exact, fixed, scale_of
 
 FourAxis = Sequence[tuple[str, Sequence[SphereErrors], str]]
 """Of each table its words, the errors of its test spheres, and what they contain of its reversal."""
@@ -33,11 +35,11 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
     """Return the table of AxisErrors: what is not stated of any of them has no column.
 
     found: the same with the cause found in the model, where one is missing."""
-    scales = [text.scale_of(SI_UNITS[line.curve]) for line in lines]
+    scales = [scale_of(SI_UNITS[line.curve]) for line in lines]
 
     def shown(value: float | None, line: AxisError) -> str:
-        factor = text.scale_of(SI_UNITS[line.curve]).factor
-        return '' if value is None else text.fixed(factor * value, text.decimals(factor * line.expanded))
+        factor = scale_of(SI_UNITS[line.curve]).factor
+        return '' if value is None else fixed(factor * value, decimals(factor * line.expanded))
 
     def micro(key: str, head: str, values: Sequence[float | None], sign: str = '',
               of: Sequence[AxisError] = lines) -> Column:
@@ -70,7 +72,7 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
            ) if several else ()),
         *((Column('tolerance_in_unit', 'tolerance', tuple(
             None if line.tolerance is None else one.factor * line.tolerance for line, one in zip(lines, scales)), tuple(
-                '' if line.tolerance is None else text.exact(one.factor * line.tolerance, 3)
+                '' if line.tolerance is None else exact(one.factor * line.tolerance, 3)
                 for line, one in zip(lines, scales))),
            words('conformity', 'ISO 14253-1', [
                SAID.get(line.conformity, line.conformity or '') for line in lines])) if limited else ())),
@@ -81,12 +83,12 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
 
 def _factors(lines: Sequence[AxisError]) -> str:
     """Return k of the ranges whose error is not normal, in a sentence, and how conformity is decided then."""
-    span = dict.fromkeys(text.fixed(one, 2) for one in sorted(line.factor for line in lines if line.spread is not None))
-    if not span.keys() - {text.fixed(COVERAGE_FACTOR, 2)}:
+    span = dict.fromkeys(fixed(one, 2) for one in sorted(line.factor for line in lines if line.spread is not None))
+    if not span.keys() - {fixed(COVERAGE_FACTOR, 2)}:
         return ''
     ends = ' to '.join(dict.fromkeys((min(span), max(span))))
     return (f' U of the range: half of the interval, k = {ends}, that holds 95.45 % of its distribution; conformity '
-            f'is stated from a probability of {text.fixed(100 * SURE, 1)} % on (JCGM 106).')
+            f'is stated from a probability of {fixed(100 * SURE, 1)} % on (JCGM 106).')
 
 
 def differences(every: Mapping[str, ErrorMotions]) -> Table:
@@ -98,8 +100,8 @@ def differences(every: Mapping[str, ErrorMotions]) -> Table:
             at = int(np.argmax(np.abs(one.values[:, place])))
             worst.append(factor * float(one.values[at, place]))
             spread.append(factor * COVERAGE_FACTOR * float(one.u[at, place]))
-            digits = text.decimals(spread[-1])
-            shown.append(f'{text.signed(worst[-1], digits)} ±{text.fixed(spread[-1], digits)}')
+            digits = decimals(spread[-1])
+            shown.append(f'{text.signed(worst[-1], digits)} ±{fixed(spread[-1], digits)}')
         key = f'{curve}_{text.file_unit(unit)}'
         columns += [Column(key, curve, tuple(worst), tuple(shown), unit), Column(f'U_{key}', '', tuple(spread), None)]
     return Table('differences', 'Differences of the curves', tuple(columns),
@@ -112,7 +114,7 @@ def curve_changes(change: Change) -> Table:
     return Table('curve_changes', f'Change of the curves; U: expanded uncertainty (k = {COVERAGE_FACTOR})', (
         words('curve', 'curve', text.curve_names(change.before.run.rotation)),
         words('unit', 'unit', text.curve_units()),
-        *(column(f'{key}_in_unit', name, text.curve_factors() * values, partial(text.fixed, places=3))
+        *(column(f'{key}_in_unit', name, text.curve_factors() * values, partial(fixed, places=3))
           for key, name, values in (
               ('change', 'largest change', change.curve_change),
               ('U_before', 'U before', COVERAGE_FACTOR * change.before.error_motions.u.max(axis=0)),
@@ -124,9 +126,9 @@ def change_errors(change: Change) -> Table:
     fits = change.before, change.after
     errors = change.cross_validation_before, change.cross_validation_after
     rows: list[tuple[str, str, list[Any], Callable[[Any], str]]] = [
-        ('residual', 'µm', [1e6 * fit.rms for fit in fits], partial(text.fixed, places=3)),
+        ('residual', 'µm', [1e6 * fit.rms for fit in fits], partial(fixed, places=3)),
         ('reduced χ²', '', [fit.reduced_chi_square for fit in fits], chi_square_text),
-        (text.CROSS_VALIDATION, 'µm', [1e6 * one for one in errors], partial(text.fixed, places=3)),
+        (text.CROSS_VALIDATION, 'µm', [1e6 * one for one in errors], partial(fixed, places=3)),
         ('degrees of freedom', '', [fit.dof for fit in fits], str)]
     return Table('change', 'Residual before and after', (
         words('quantity', 'quantity', [name for name, *_ in rows]), words('unit', 'unit', [row[1] for row in rows]),
@@ -137,7 +139,7 @@ def change_errors(change: Change) -> Table:
 
 def chi_square_text(value: float | None) -> str:
     """Return a reduced chi-square for people."""
-    return text.UNKNOWN if value is None else text.significant(value)
+    return UNKNOWN if value is None else significant(value)
 
 
 def four_axis_table(every: FourAxis, which: str = '') -> list[Table]:
@@ -148,15 +150,15 @@ def four_axis_table(every: FourAxis, which: str = '') -> list[Table]:
 
 def _spheres(made: Sequence[SphereErrors], title: str, lacks: str, name: str) -> Table:
     expanded = [COVERAGE_FACTOR * one.u for one in made]
-    places = [text.decimals(1e6 * float(one.max())) for one in expanded]
+    places = [decimals(1e6 * float(one.max())) for one in expanded]
 
     def micro(key: str, head: str, sign: str, values: Sequence[float]) -> Column:
         return Column(key, head, tuple(1e6 * value for value in values), tuple(
-            f'{sign}{text.fixed(1e6 * value, digits)}' for value, digits in zip(values, places, strict=True)), 'µm')
+            f'{sign}{fixed(1e6 * value, digits)}' for value, digits in zip(values, places, strict=True)), 'µm')
 
     return Table(name, title, (
         words('sphere', 'sphere', [one.sphere for one in made]),
-        *(column(f'{key}_mm', head, [1e3 * getattr(one, key) for one in made], partial(text.exact, places=3), 'mm')
+        *(column(f'{key}_mm', head, [1e3 * getattr(one, key) for one in made], partial(exact, places=3), 'mm')
           for key, head in (('radius', 'radius'), ('height', 'above the balls'))),
         *(part for at, kind in enumerate('RTA') for part in (
             micro(f'F{kind}_um', f'F{kind}', '', [float(one.ranges[at]) for one in made]),

@@ -4,8 +4,9 @@
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.presentation.formatting import MEANINGS, before_after, fixed
+from rosette_ros.presentation.formatting import before_after
 from rosette_ros.presentation.table_format import Column, Table, column, words
+from rosette_ros.words.effect_words import MEANINGS, fixed
 from rosette_ros.words.verdict_words import chance, does_words, laws_words, moves_words
 
 

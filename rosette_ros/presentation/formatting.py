@@ -11,30 +11,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rosette_ros.core.run import axes
-from rosette_ros.core.run.number_words import UNKNOWN as UNKNOWN
-from rosette_ros.core.run.number_words import Scale as Scale
-from rosette_ros.core.run.number_words import micrometres as micrometres
-from rosette_ros.core.run.number_words import multiple as multiple
-from rosette_ros.core.run.number_words import p_value as p_value
-from rosette_ros.core.run.number_words import p_words
-from rosette_ros.core.run.number_words import significant as significant
+from rosette_ros.core.run.number_words import UNKNOWN, Scale, micrometres, multiple, p_words, significant
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Run
 from rosette_ros.core.run.scheme import cmm_position
-from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR as COVERAGE_FACTOR
-from rosette_ros.words.effect_words import MEANINGS as MEANINGS
-from rosette_ros.words.effect_words import MICRO_DECIMALS as MICRO_DECIMALS
-from rosette_ros.words.effect_words import SCALES as SCALES
-from rosette_ros.words.effect_words import capital
-from rosette_ros.words.effect_words import decimals as decimals
-from rosette_ros.words.effect_words import exact as exact
-from rosette_ros.words.effect_words import fixed as fixed
-from rosette_ros.words.effect_words import names as names
-from rosette_ros.words.effect_words import plain as plain
-from rosette_ros.words.effect_words import plain_name as plain_name
-from rosette_ros.words.effect_words import scale_of as scale_of
-from rosette_ros.words.effect_words import setting_words as setting_words
-from rosette_ros.words.effect_words import title_of as title_of
-from rosette_ros.words.effect_words import words_of as words_of
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.words.effect_words import (
+    MEANINGS,
+    MICRO_DECIMALS,
+    capital,
+    decimals,
+    exact,
+    fixed,
+    scale_of,
+    setting_words,
+    title_of,
+)
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Fit, Parameter
@@ -252,7 +243,7 @@ def run_size(run: Run) -> str:
     return f'{plate_words(run.n, np.unique(run.ball).size, run.radius)}, {run.size}{share} ball centres'
 
 
-def missing_words(run: Run) -> str:
+def unmeasured_words(run: Run) -> str:
     """Return which places and balls were not measured, at most MOST_MISSING balls, '' where nothing is missing."""
     places, cells = _unmeasured(run)
     names = ', '.join(f'ball {cell % run.n + 1} at table position {cell // run.n + 1}' for cell in cells[:MOST_MISSING])
@@ -264,7 +255,7 @@ def not_known(run: Run, gauge: Sequence[str], doubts: Iterable[str]) -> list[str
     """Return what the readings of a run do not tell, in sentences.
 
     gauge: combinations that no run tells; doubts: what is wrong with its readings, in words."""
-    missing = missing_words(run).replace(' ...', ' and more')
+    missing = unmeasured_words(run).replace(' ...', ' and more')
     return [f'Cannot be measured by this method; removed: {"; ".join(gauge)}.',
             *([f'{missing[0].upper()}{missing[1:]}.'] if missing else []),
             *(['The repeatability is not known: lack of fit cannot be judged.'] if run.repeatability is None else []),

@@ -12,16 +12,17 @@ from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, Shari
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import ITEMS, PARTS
-from rosette_ros.core.run.number_words import p_words
+from rosette_ros.core.run.number_words import UNKNOWN, micrometres, p_value, p_words
 from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import doubt_of
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import environment_words, stated_json
 from rosette_ros.presentation.error_results import TITLE, errors, errors_json
-from rosette_ros.presentation.formatting import names
 from rosette_ros.presentation.json_output import Json, by_curve, motions_json, plain
 from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
+from rosette_ros.words.effect_words import decimals, exact, fixed, names, scale_of
 from rosette_ros.words.joint_words import note_words, part_words
 from rosette_ros.words.result_words import conclusion_text
 
@@ -54,10 +55,10 @@ def sharing_table(result: JointResult) -> Table:
     return Table('sharing', 'What the runs share', (
         words('shared', 'the same', [ITEMS[test.item] for test in tests]),
         words('declared', 'from', ['declared' if test.item in result.declared else 'the runs' for test in tests]),
-        column('f', 'F', [np.nan if test.p is None else test.f for test in tests], lambda value: text.fixed(value, 2)),
+        column('f', 'F', [np.nan if test.p is None else test.f for test in tests], lambda value: fixed(value, 2)),
         column('dof', 'degrees of freedom', [test.dof for test in tests],
-               lambda dof: str(dof) if dof else text.UNKNOWN),
-        column('p', text.P_VALUE, [np.nan if test.p is None else test.p for test in tests], text.p_value),
+               lambda dof: str(dof) if dof else UNKNOWN),
+        column('p', text.P_VALUE, [np.nan if test.p is None else test.p for test in tests], p_value),
         words('result', 'result', [test_result(test) for test in tests])),
         levels=tuple('bad' if test.is_contradicted and test.item != 'sense' else '' for test in tests))
 
@@ -81,7 +82,7 @@ def joint_errors(result: JointResult, tolerances: Mapping[str, float] | None = N
 
 def positioning(one: Reversal) -> Table:
     """Return the values of angular positioning of a table (ISO 230-2), and what the runs do not determine."""
-    values, (factor, unit) = one.positioning, text.scale_of('rad')
+    values, (factor, unit) = one.positioning, scale_of('rad')
     known = {name: value for name, value in values.items() if value is not None}
     lacks = [f'{names(NOT_POSITIONED)} need the mean of the reversal, which these runs do not tell'] * (
         not {*NOT_POSITIONED} <= known.keys())
@@ -89,7 +90,7 @@ def positioning(one: Reversal) -> Table:
     return Table('positioning', f'Angular positioning of table {one.table} (ISO 230-2)', (
         words('value', 'value', [f'{name}: {POSITIONED[name]}' for name in known]),
         column(f'value_{text.file_unit(unit)}', 'crz', [factor * value for value in known.values()],
-               partial(text.fixed, places=2 + (factor < 1e6)), unit)), note='U of B and of its mean stand with '
+               partial(fixed, places=2 + (factor < 1e6)), unit)), note='U of B and of its mean stand with '
         f'the reversal, U of E+ and E- with the range of crz. Not determined: {"; ".join(lacks)}.')
 
 
@@ -100,8 +101,8 @@ def reversal_means(result: JointResult) -> list[Table]:
         column('mean_si', '', np.where(one.is_known, one.mean, np.nan)),
         column('u_si', '', np.where(one.is_known, one.u_mean, np.nan)),
         words('mean', 'mean', [mean for mean, _ in _means(one)]),
-        words('U', f'U (k = {text.COVERAGE_FACTOR})', [spread for _, spread in _means(one)])),
-        note=REVERSAL_SIGN + ('' if one.p is None else f' {text.P_VALUE} of the whole reversal: {text.p_value(one.p)}'))
+        words('U', f'U (k = {COVERAGE_FACTOR})', [spread for _, spread in _means(one)])),
+        note=REVERSAL_SIGN + ('' if one.p is None else f' {text.P_VALUE} of the whole reversal: {p_value(one.p)}'))
         for place, one in enumerate(result.reversals, 1)]
 
 
@@ -112,12 +113,12 @@ def joint_deviations(result: JointResult) -> list[Table]:
                         ('cmm', 'CMM measurement errors at the probing positions')):
         names, values, u = result.deviations(part)
         at = (column('ball', 'ball', model.places['plate'][:, 1] + 1, str) if part == 'plate' else column(
-            'azimuth_deg', 'azimuth', np.rad2deg(model.cmm_azimuth), lambda value: text.exact(value, places=4), '°'))
+            'azimuth_deg', 'azimuth', np.rad2deg(model.cmm_azimuth), lambda value: exact(value, places=4), '°'))
         several = [words('name', part, names)] if len({*names}) > 1 else []
         out.append(Table(part, f'{title}; {EXPANDED}', (*several, at, *(
             one for place, axis in enumerate('xyz') for one in (
                 micrometre_column(f'{axis}_um', axis, values[:, place], sign=True),
-                micrometre_column(f'expanded_{axis}_um', f'U({axis})', text.COVERAGE_FACTOR * u[:, place]))))))
+                micrometre_column(f'expanded_{axis}_um', f'U({axis})', COVERAGE_FACTOR * u[:, place]))))))
     return out
 
 
@@ -138,9 +139,9 @@ def _means(one: Reversal) -> list[tuple[str, str]]:
     """Return each mean and its U as texts."""
     out = []
     for (factor, unit), mean, u, known in zip(text.curve_scales(), one.mean, one.u_mean, one.is_known, strict=True):
-        spread = factor * text.COVERAGE_FACTOR * float(u)
-        places = text.decimals(spread)
-        out.append((text.signed(factor * float(mean), places), f'{text.fixed(spread, places)} {unit}') if known else
+        spread = factor * COVERAGE_FACTOR * float(u)
+        places = decimals(spread)
+        out.append((text.signed(factor * float(mean), places), f'{fixed(spread, places)} {unit}') if known else
                    ('not known', ''))
     return out
 
@@ -169,8 +170,8 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
                       'of them in the curves, from which they are removed'
                       + ', with means and fundamental error motions that are known only together' * bool(
                           solution.known_together)),
-            ('Residual', f'{text.micrometres(result.rms)} rms per coordinate{fit}'),
-            ('Uncertainty', f'from {text.micrometres(result.sigma)} per coordinate of a ball centre, estimated from '
+            ('Residual', f'{micrometres(result.rms)} rms per coordinate{fit}'),
+            ('Uncertainty', f'from {micrometres(result.sigma)} per coordinate of a ball centre, estimated from '
                             f'{result.sigma_source}'),
             ('Environment', environment_words(result.environment)),
             ('Known', f'beyond what one run knows: {"; ".join(known)}'),
@@ -209,7 +210,7 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
                       'mean': by_curve(np.where(one.is_known, one.mean, np.nan)),
                       'u_mean': by_curve(np.where(one.is_known, one.u_mean, np.nan))} for one in result.reversals],
         'iso_230_2': [{'table': one.table, 'unit': 'rad', **one.positioning} for one in result.reversals],
-        'u_coverage_factor': STANDARD, 'U_coverage_factor': text.COVERAGE_FACTOR,
+        'u_coverage_factor': STANDARD, 'U_coverage_factor': COVERAGE_FACTOR,
         **{f'{part}{key}': value for part in ('plate', 'cmm')
            for key, value in zip(('_name', '_m', '_u_m'), result.deviations(part), strict=True)},
         'plate_ball': model.places['plate'][:, 1] + 1, 'cmm_azimuth_rad': model.cmm_azimuth,

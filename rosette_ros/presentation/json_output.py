@@ -26,10 +26,10 @@ from rosette_ros.core.planning.advice import Advice, OrderAdvice
 from rosette_ros.core.run.records import SI_UNITS, ErrorMotions
 from rosette_ros.core.sight.visibility import Visibility
 from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget, stated_lines
 from rosette_ros.presentation.error_results import errors_json
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json, verdict_json
 from rosette_ros.presentation.tables import CANDIDATE, CHECKED
 from rosette_ros.words.advice_words import advice_words

@@ -10,8 +10,10 @@ from rosette_ros.core.diagnosis.limits import HEARD
 from rosette_ros.core.planning.expectation import Expectation
 from rosette_ros.core.planning.next_readings import NextReadings
 from rosette_ros.core.planning.plan_comparison import Outlook
+from rosette_ros.core.run.number_words import UNKNOWN
 from rosette_ros.core.run.records import CURVES, Run
 from rosette_ros.core.run.scheme import Scheme
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.io.csv_parser import COLUMNS
 from rosette_ros.io.plan_file import SCHEMA
 from rosette_ros.io.table_heading import SCHEMA as TABLE_SCHEMA
@@ -20,6 +22,8 @@ from rosette_ros.presentation.budget_results import stated_json
 from rosette_ros.presentation.json_output import Json, by_curve, plain, visibility_json
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import visibility
+from rosette_ros.words import effect_words
+from rosette_ros.words.effect_words import exact
 from rosette_ros.words.plan_words import better_words
 from rosette_ros.words.settling_words import next_words
 
@@ -34,8 +38,8 @@ def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
     centres = scheme.centres(radius_mm)
     for seq, (k, i, j, centre) in enumerate(zip(
             scheme.cmm_position, scheme.table_position, scheme.ball, centres, strict=True), 1):
-        yield (str(seq), str(k), str(i), str(j), *(text.plain(float(value), 2) for value in centre),
-               text.exact(360 * (int(i) - 1) / scheme.n + float(np.rad2deg(scheme.table_offset)), ANGLE_PLACES))
+        yield (str(seq), str(k), str(i), str(j), *(effect_words.plain(float(value), 2) for value in centre),
+               exact(360 * (int(i) - 1) / scheme.n + float(np.rad2deg(scheme.table_offset)), ANGLE_PLACES))
 
 
 def template(scheme: Scheme, radius_mm: float) -> str:
@@ -77,7 +81,7 @@ def sequence_map(scheme: Scheme) -> Table:
 
 def uncertainties(plan: Outlook) -> Table:
     """Return the table of the uncertainties that a plan is expected to give the curves."""
-    u = text.curve_factors() * text.COVERAGE_FACTOR * mean_u(plan)
+    u = text.curve_factors() * COVERAGE_FACTOR * mean_u(plan)
     title = f'Expected U (k = 2), standard deviation {1e6 * plan.sigma:g} µm per coordinate (20 touches){_within(plan)}'
     return Table('expected', title, (
         column('curve', 'curve', CURVES, str), column('U', 'U', u, lambda value: f'{value:.3g}'),
@@ -115,7 +119,7 @@ def comparison(plans: Sequence[Outlook]) -> Table:
         column('relative_uncertainty', 'relative u', [one.penalty for one in plans], lambda value: f'{value:.2f}'),
         column('ideal_relative_uncertainty', '', [one.ideal for one in every]),
         *(column(f'U_{curve}_{text.file_unit(unit)}', f'U {curve}', [
-            text.COVERAGE_FACTOR * factor * mean_u(one)[place] for one in plans],
+            COVERAGE_FACTOR * factor * mean_u(one)[place] for one in plans],
                  None if curve in ('cty', 'cry') else lambda value: f'{value:.2g}', unit)
           for place, (curve, (factor, unit)) in enumerate(zip(CURVES, text.curve_scales()))),
         *([column('effects_shown', 'effects shown', [len(one.shown) for one in plans], str)] if known else [])))
@@ -133,8 +137,8 @@ def shares(plans: Sequence[Outlook]) -> Table | None:
     return Table('shares', 'Sensitivity to each effect (share not absorbed), typical', (
         words('effect', 'effect', [one.name for one in plans[0].effects]),
         *(column(f'plan_{place}', plan.name, [None if one.reason else one.typical_share for one in plan.effects],
-                 lambda share: text.UNKNOWN if share is None else text.percent(share))
-          for place, plan in enumerate(plans, 1))), note=f'{text.UNKNOWN}: cannot be judged in this plan')
+                 lambda share: UNKNOWN if share is None else text.percent(share))
+          for place, plan in enumerate(plans, 1))), note=f'{UNKNOWN}: cannot be judged in this plan')
 
 
 def plan_json(plan: Outlook) -> Json:

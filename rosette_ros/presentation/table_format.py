@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from rosette_ros.presentation.formatting import MICRO_DECIMALS, fixed, signed
+from rosette_ros.presentation.formatting import signed
+from rosette_ros.words.effect_words import MICRO_DECIMALS, fixed
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.diagnosis.verdict import VerdictText

@@ -23,9 +23,11 @@ from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.run.errors import counted
+from rosette_ros.core.run.number_words import UNKNOWN, Scale, multiple, p_value
 from rosette_ros.core.run.records import CURVES, UNLIKELY, ErrorMotions, Floats, Run
 from rosette_ros.core.sight.visibility import GOOD_SHARE, Visibility
 from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import fit_lines, peak_to_valley
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import chi_square_text, errors
@@ -40,10 +42,10 @@ from rosette_ros.presentation.table_format import (
     parameters_json,
     words,
 )
+from rosette_ros.words.effect_words import MEANINGS, decimals, exact, fixed, scale_of, setting_words, title_of
 from rosette_ros.words.result_words import reason_words
-from rosette_ros.words.verdict_words import title_of
 
-EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
+EXPANDED = f'U: expanded uncertainty (k = {COVERAGE_FACTOR})'
 ABSORBED = ('Sensitivity: share of an effect that is not absorbed by table, plate and CMM deviations, but shows in the '
             'residual.')
 WORST = 6
@@ -80,18 +82,18 @@ def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Tabl
     """Return the six curves; for people with U, below the curve where it is the same at all angles; which: model."""
     factors, units = text.curve_factors(), text.curve_units()
     values, u = factors * motions.values, factors * motions.u
-    expanded = text.COVERAGE_FACTOR * u
+    expanded = COVERAGE_FACTOR * u
     alike, spans = _alike(u), peak_to_valley(values)
     columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
                column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
-                      partial(text.exact, places=4), '°',
-                      footer=(*[f'U (k = {text.COVERAGE_FACTOR}) of each point'] * alike, 'range'))]
+                      partial(exact, places=4), '°',
+                      footer=(*[f'U (k = {COVERAGE_FACTOR}) of each point'] * alike, 'range'))]
     names = text.curve_names(motions.rotation)
     for place, (curve, unit) in enumerate(zip(CURVES, units, strict=True)):
-        digits = text.decimals(float(np.median(expanded[:, place])))
+        digits = decimals(float(np.median(expanded[:, place])))
         shown = _with_u(values[:, place], expanded[:, place], digits, alike)
         span, largest = float(spans[place]), float(expanded[:, place].max())
-        footer = *[f'±{text.fixed(largest, digits)}'] * alike, text.fixed(span, digits)
+        footer = *[f'±{fixed(largest, digits)}'] * alike, fixed(span, digits)
         columns.append(Column(f'{curve}_{text.file_unit(unit)}', names[place], tuple(values[:, place].tolist()),
                               shown, unit, footer=footer))
     columns += [column(f'u_{curve}_{text.file_unit(unit)}', '', u[:, place])
@@ -109,7 +111,7 @@ def _alike(u: Floats) -> bool:
 
 def _with_u(values: Floats, expanded: Floats, digits: int, alike: bool) -> tuple[str, ...]:
     """Return values as texts, each with its expanded uncertainty where these are not alike."""
-    return tuple(text.signed(value, digits) + ('' if alike or np.isnan(value) else f'\n±{text.fixed(spread, digits)}')
+    return tuple(text.signed(value, digits) + ('' if alike or np.isnan(value) else f'\n±{fixed(spread, digits)}')
                  for value, spread in zip(values, expanded, strict=True))
 
 
@@ -119,14 +121,14 @@ def deviations(fit: Fit) -> Table:
     parts = (('plate', 'plate', plate.freed, plate.u_freed), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
     alike = _alike(np.hstack([u for *_, u in parts]))
     columns = [column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str,
-                      footer=(f'U (k = {text.COVERAGE_FACTOR}) of each point',) * alike)]
+                      footer=(f'U (k = {COVERAGE_FACTOR}) of each point',) * alike)]
     for key, name, values, u in parts:
         for place, axis in enumerate(AXES):
-            expanded = 1e6 * text.COVERAGE_FACTOR * u[:, place]
-            digits = text.decimals(float(np.nanmedian(expanded)))
+            expanded = 1e6 * COVERAGE_FACTOR * u[:, place]
+            digits = decimals(float(np.nanmedian(expanded)))
             columns.append(Column(f'{key}_{axis}_um', f'{name} {axis}', tuple((1e6 * values[:, place]).tolist()),
                                   _with_u(1e6 * values[:, place], expanded, digits, alike), 'µm',
-                                  footer=(f'±{text.fixed(float(np.nanmax(expanded)), digits)}',) * alike))
+                                  footer=(f'±{fixed(float(np.nanmax(expanded)), digits)}',) * alike))
     columns += [column(f'u_{key}_{axis}_um', '', 1e6 * u[:, place])
                 for key, _, _, u in parts for place, axis in enumerate(AXES)]
     return Table('deviations', f'Ball centre deviations and CMM measurement errors at the probing positions; '
@@ -149,11 +151,11 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         column('expanded_uncertainty', 'U', [one[1] for one in shown], str),
         words('unit', 'unit', [one[2] for one in shown]),
         words('setting', 'when and where',
-              [text.setting_words(name, setting, known, time=time) for name, setting, _, known in rows])),
+              [setting_words(name, setting, known, time=time) for name, setting, _, known in rows])),
         note=' '.join(
             [*['Not determined: cannot be told from other parameters of the model.'] * any(
                 not np.isfinite(one.u) for _, _, one, _ in rows),
-             *[AMPLITUDE] * any(name.partition('(')[0] not in text.MEANINGS for name, _, _, _ in rows)]))
+             *[AMPLITUDE] * any(name.partition('(')[0] not in MEANINGS for name, _, _, _ in rows)]))
 
 
 def fitted_effects(fit: Fit, title: str) -> Table:
@@ -173,7 +175,7 @@ def axes(comparison: Comparison) -> Table:
     sigma = noise_of(comparison.fit)[0]
     return Table('residual_axes', 'Residual by axis', (
         words('axis', 'axis', AXES), micrometre_column('rms_um', 'rms', comparison.axis_rms),
-        column('rms_sigma', 'in σ', comparison.axis_rms / sigma, text.multiple)))
+        column('rms_sigma', 'in σ', comparison.axis_rms / sigma, multiple)))
 
 
 def places(comparison: Comparison) -> Table:
@@ -190,12 +192,12 @@ def places(comparison: Comparison) -> Table:
         words('worst', 'largest at', [*(one.keys[one.worst].removeprefix('between ').replace(' and ', ' to ')
                                         for one in every), '']),
         micrometre_column('rms_um', 'its rms', [size * sigma for size in largest]),
-        column('rms_sigma', 'in σ', largest, lambda one: text.sigmas(one) if np.isfinite(one) else text.UNKNOWN),
+        column('rms_sigma', 'in σ', largest, lambda one: text.sigmas(one) if np.isfinite(one) else UNKNOWN),
         column('p', text.P_VALUE, p, _p_of_draws)), levels=_marked(p))
 
 
 def _p_of_draws(p: float) -> str:
-    return '<0.003' if p == LEAST_P else text.p_value(p)
+    return '<0.003' if p == LEAST_P else p_value(p)
 
 
 def bars(sizes: Floats, top: float) -> str:
@@ -219,19 +221,19 @@ def worst_readings(comparison: Comparison) -> Table:
             ('ball', 'ball', 'ball'), ('cmm_position', 'CMM position', 'cmm_position'))),
         *(micrometre_column(f'{axis}_um', axis, [one.residual[place] for one in worst], sign=True)
           for place, axis in enumerate(AXES)),
-        column('size_sigma', 'residual / rms', [one.size for one in worst], partial(text.fixed, places=1)),
-        column('weight', 'weight', [one.weight for one in worst], partial(text.fixed, places=2)),
+        column('size_sigma', 'residual / rms', [one.size for one in worst], partial(fixed, places=1)),
+        column('weight', 'weight', [one.weight for one in worst], partial(fixed, places=2)),
         *(column(f'without_{what}_{text.file_unit(unit)}', f'change of {what}', [
             np.nan if one.without is None else factor * max(one.without[part]) for one in worst], partial(
-                text.fixed, places=2), unit) for what, part, (factor, unit) in _parts()),
+                fixed, places=2), unit) for what, part, (factor, unit) in _parts()),
         column('p', text.P_VALUE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst),
         note='p-value: outlier test, Bonferroni; change: the largest of ctx, cty, ctz and of crx, cry, crz when the '
              'reading is omitted.')
 
 
-def _parts() -> tuple[tuple[str, slice, text.Scale], ...]:
+def _parts() -> tuple[tuple[str, slice, Scale], ...]:
     """Return translations and rotations: name, which of the six curves, how they are shown."""
-    return ('ct', slice(3), text.scale_of('m')), ('cr', slice(3, 6), text.scale_of('rad'))
+    return ('ct', slice(3), scale_of('m')), ('cr', slice(3, 6), scale_of('rad'))
 
 
 def reading(fit: Fit, place: int) -> Table:
@@ -243,12 +245,12 @@ def reading(fit: Fit, place: int) -> Table:
             ('reading', 'reading', place + 1), ('table_position', 'table position', run.table_position[place]),
             ('ball', 'ball', run.ball[place]), ('cmm_position', 'CMM position', run.cmm_position[place]))),
         column('table_angle_deg', 'table angle', [float(np.rad2deg(run.table_angle[place] + run.table_offset))],
-               partial(text.fixed, places=2), '°'),
-        *[column('time_min', 'time', [minutes], partial(text.fixed, places=1), 'min')] * (run.time_unit == 's'),
-        column('temperature_C', 'temperature', [temperature], partial(text.fixed, places=2), '°C'),
+               partial(fixed, places=2), '°'),
+        *[column('time_min', 'time', [minutes], partial(fixed, places=1), 'min')] * (run.time_unit == 's'),
+        column('temperature_C', 'temperature', [temperature], partial(fixed, places=2), '°C'),
         *(micrometre_column(f'{axis}_um', axis, [size], sign=True) for axis, size in zip(AXES, residual)),
         column('size_sigma', 'residual / rms', [float(np.sqrt(np.mean(residual**2))) / noise_of(fit)[0]],
-               partial(text.fixed, places=1))))
+               partial(fixed, places=1))))
 
 
 def residuals(before: Fit, after: Fit) -> Table:
@@ -319,7 +321,7 @@ def _before_after(both: Callable[[Any], tuple[float, float]], record: Any) -> st
 
 CANDIDATE = (
     Field('effect', 'effect', 'name', number=False), Field('claimed', 'identified', number=False),
-    Field('probability', 'probability', 'is_there', show=text.percent), Field('p', text.P_VALUE, show=text.p_value),
+    Field('probability', 'probability', 'is_there', show=text.percent), Field('p', text.P_VALUE, show=p_value),
     Field('parameters', get=lambda one: parameters_json(one.parameters), files='json'),
     Field('visible_fraction', text.SENSITIVITY, show=text.percent), *_both('rms', 'residual', 'before', 'after'),
     Field('look_alikes', 'cannot be told from', number=False,
@@ -333,9 +335,9 @@ def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[st
     run: in which it was found, where that places moments only between readings."""
     shown = [(one.name, *text.shown_parameter(one)) for one in text.joined(parameters)]
     parts = ', '.join(f'{name} {value} {spread} {unit}'.strip() for name, value, spread, unit in shown)
-    times = text.MEANINGS[effect].moments(run, Setting(setting)) if run and effect in text.MEANINGS else {}
+    times = MEANINGS[effect].moments(run, Setting(setting)) if run and effect in MEANINGS else {}
     moments = {name: around(some, float(setting[name])) for name, some in times.items()}
-    searched = text.setting_words(effect, setting, [one.name for one in parameters], moments,
+    searched = setting_words(effect, setting, [one.name for one in parameters], moments,
                                   run.time_unit if run else 's')
     return '; '.join(filter(None, (parts, searched)))
 
@@ -352,7 +354,7 @@ def cross_check(check: CrossCheck) -> Table:
 
 CHECKED = (
     Field('effect', 'effect', 'name', number=False), Field('outcome', 'outcome', number=False),
-    Field('visible_fraction', text.SENSITIVITY, show=text.percent), Field('p', text.P_VALUE, show=text.p_value),
+    Field('visible_fraction', text.SENSITIVITY, show=text.percent), Field('p', text.P_VALUE, show=p_value),
     *_both('rms', 'residual', 'rms_without', 'rms_with'),
     *_both('held_out_rms', text.CROSS_VALIDATION, 'cross_validation_without', 'cross_validation_with'),
     Field('same_size', 'same size', text=lambda one: {True: 'yes', False: 'no', None: ''}[one.same_size], number=False),
@@ -368,7 +370,7 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
     return Table('visibility', 'Sensitivity of the order of measurement to every effect', (
         words('effect', 'effect', [one.name for one in every]),
         words('title', 'effect', [title_of(one.name) for one in every]),
-        words('meaning', 'meaning', [text.MEANINGS[one.name].meaning for one in every]),
+        words('meaning', 'meaning', [MEANINGS[one.name].meaning for one in every]),
         column('typical_visible_fraction', f'{text.SENSITIVITY}, typical', [one.typical_share for one in every],
                text.percent),
         column('visible_fraction', f'{text.SENSITIVITY}, at best', [one.share for one in every], text.percent),
@@ -394,7 +396,7 @@ def weak_effects(every: Table, most: int) -> Table:
 
 def _limit(value: float | None) -> str:
     """Return a detection limit, µm; above LARGEST_LIMIT the effect is practically hidden."""
-    return '' if value is None else text.fixed(value, 2) if value < LARGEST_LIMIT else text.UNKNOWN
+    return '' if value is None else fixed(value, 2) if value < LARGEST_LIMIT else UNKNOWN
 
 
 def _remark(entry: Visibility) -> str:
@@ -412,7 +414,7 @@ def bias(visibilities: Sequence[Visibility], rotation: Floats | None = None) -> 
     return Table('bias', 'How much 1 µm (rms) of a hidden effect would change each curve', (
         words('effect', 'effect', [one.name for one in every]),
         *(column(f'{curve}_{text.file_unit(unit)}_per_um', names[place], [
-            1e-6 * factor * one.bias[place] for one in every], partial(text.fixed, places=2), unit)
+            1e-6 * factor * one.bias[place] for one in every], partial(fixed, places=2), unit)
           for place, (curve, (factor, unit)) in enumerate(zip(CURVES, text.curve_scales()))),
         words('remark', 'remark', ['negligible' if one.bias.max() <= NEGLIGIBLE else '' for one in every])))
 
@@ -426,7 +428,7 @@ def orders(advice: Advice) -> Table:
         words('order', 'order', [one.label for one in every]), words('mark', '', marks),
         words('worst_effect', 'lowest sensitivity to', [one.worst_effect for one in every]),
         column('worst_share', text.SENSITIVITY, [one.worst for one in every], text.percent),
-        *(column(f'U_{what}', f'U {what}', [text.COVERAGE_FACTOR * factor * float(np.linalg.norm(one.u[at]))
+        *(column(f'U_{what}', f'U {what}', [COVERAGE_FACTOR * factor * float(np.linalg.norm(one.u[at]))
                                             for one in every if one.u is not None],
                  lambda value: f'{value:.2g}', unit) for what, at, (factor, unit) in _parts()
           if advice.present.environment),

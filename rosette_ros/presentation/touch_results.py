@@ -6,12 +6,14 @@ from functools import partial
 
 import numpy as np
 
+from rosette_ros.core.run.number_words import micrometres, p_value
 from rosette_ros.core.run.records import UNLIKELY
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json
 from rosette_ros.presentation.json_output import plain as plain_json
 from rosette_ros.presentation.table_format import Column, Table, column
+from rosette_ros.words.effect_words import MICRO_DECIMALS, fixed
 
 
 def sphere_rows(refit: SphereRefit) -> list[tuple[str, str]]:
@@ -28,21 +30,21 @@ def sphere_rows(refit: SphereRefit) -> list[tuple[str, str]]:
                     f'{_nanometres(float(moved.max()))} (table position {touched.table_position[furthest]}, ball '
                     f'{touched.ball[furthest]})'),
         ('Radius', _radius_words(refit)),
-        ('Touch', f'standard deviation {text.micrometres(refit.sigma)} along its normal; largest residual '
-                  f'{text.micrometres(float(np.abs(refit.residual).max()))}'),
+        ('Touch', f'standard deviation {micrometres(refit.sigma)} along its normal; largest residual '
+                  f'{micrometres(float(np.abs(refit.residual).max()))}'),
         *([('Touches off', outlier_words(refit))] if refit.outliers.size else []),
         ('Probe lobing', lobing_words(refit)), ('Ball form', form_words(refit))]
 
 
 def _nanometres(metres: float) -> str:
-    return f'{1e9 * metres:.2g} nm' if metres < 1e-6 else text.micrometres(metres)
+    return f'{1e9 * metres:.2g} nm' if metres < 1e-6 else micrometres(metres)
 
 
 def _radius_words(refit: SphereRefit) -> str:
     unknown = int(np.isnan(refit.touched.tip).sum())
-    spread = f', standard deviation {text.micrometres(float(np.std(refit.radius)))}'
+    spread = f', standard deviation {micrometres(float(np.std(refit.radius)))}'
     tip = f'; the tip of {unknown} is not known and contained' if unknown else ''
-    return f'{text.fixed(1e3 * float(refit.radius.mean()), 5)} mm on average{spread}{tip}'
+    return f'{fixed(1e3 * float(refit.radius.mean()), 5)} mm on average{spread}{tip}'
 
 
 def outlier_words(refit: SphereRefit) -> str:
@@ -58,11 +60,11 @@ def lobing_words(refit: SphereRefit) -> str:
     """Return whether all balls deviate alike by the direction of the probe, in words."""
     found = refit.lobing
     if float(found.p) >= UNLIKELY:
-        return f'none that stands out of the noise ({text.P_VALUE}: {text.p_value(float(found.p))})'
+        return f'none that stands out of the noise ({text.P_VALUE}: {p_value(float(found.p))})'
     size, azimuth, elevation = found.largest
-    return (f'{text.micrometres(float(found.systematic))} rms over the directions of the probe, largest '
+    return (f'{micrometres(float(found.systematic))} rms over the directions of the probe, largest '
             f'{text.signed(1e6 * size, 3)} µm at azimuth {azimuth:g}°, elevation about {text.signed(elevation, 0)}° '
-            f'({text.P_VALUE}: {text.p_value(float(found.p))})')
+            f'({text.P_VALUE}: {p_value(float(found.p))})')
 
 
 def form_words(refit: SphereRefit) -> str:
@@ -71,14 +73,14 @@ def form_words(refit: SphereRefit) -> str:
     worst = np.argsort(-forms.systematic)
     found = [place for place in worst.tolist() if p[place] < UNLIKELY]
     if not found:
-        return f'none that stands out of the noise (smallest {text.P_VALUE}: {text.p_value(float(p.min()))})'
-    named = [f'ball {refit.balls[place]} {text.micrometres(float(forms.systematic[place]))}' for place in found]
+        return f'none that stands out of the noise (smallest {text.P_VALUE}: {p_value(float(p.min()))})'
+    named = [f'ball {refit.balls[place]} {micrometres(float(forms.systematic[place]))}' for place in found]
     more = f' and {len(named) - 6} more' if len(named) > 6 else ''
     return f'rms over the surface: {", ".join(named[:6])}{more}; turns with the plate'
 
 
 def _lengths(key: str, name: str, metres: Iterable[float]) -> Column:
-    return column(key, name, [1e6 * value for value in metres], partial(text.at_least, places=text.MICRO_DECIMALS),
+    return column(key, name, [1e6 * value for value in metres], partial(text.at_least, places=MICRO_DECIMALS),
                   'µm')
 
 
@@ -90,12 +92,12 @@ def sphere_table(refit: SphereRefit) -> Table:
     return Table('spheres', 'Spheres through the touches, by ball', (
         column('ball', 'ball', refit.balls, str), column('readings', 'readings', map(len, owner), str),
         column('radius_mm', 'radius', [1e3 * refit.radius[rows].mean() for rows in owner],
-               lambda value: text.fixed(value, 5), 'mm'),
+               lambda value: fixed(value, 5), 'mm'),
         _lengths('radius_sd_um', 'its standard deviation', spread),
         _lengths('form_um', 'form error of a reading, mean', [refit.form[rows].mean() for rows in owner]),
         _lengths('largest_form_um', 'largest', [refit.form[rows].max() for rows in owner]),
         _lengths('systematic_um', 'form of the ball, rms', forms.systematic),
-        column('p', text.P_VALUE, p, text.p_value),
+        column('p', text.P_VALUE, p, p_value),
         _lengths('moved_um', 'centre moved by at most', [refit.moved[rows].max() for rows in owner])),
         levels=tuple('doubtful' if value < UNLIKELY else '' for value in p),
         note='The form of a ball is the mean residual by direction on the plate, freed of what all balls show alike.')

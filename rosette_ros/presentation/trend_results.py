@@ -19,6 +19,7 @@ from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import software
 from rosette_ros.presentation.table_format import Table, words
+from rosette_ros.words.effect_words import decimals, fixed, names, scale_of
 
 Dates = Sequence[datetime.datetime]
 YEAR = 365.25  # days
@@ -37,7 +38,7 @@ def events_table(events: Sequence[Event], dates: Dates, runs: Sequence[str],
         words('between', 'between', [f'{dates[event.earliest - 1]:%Y-%m-%d} and {dates[event.latest]:%Y-%m-%d}'
                                      for event in events]),
         words('run', 'first run after it', [runs[event.run] for event in events]),
-        words('what', 'what', [text.names(event.owners) for event in events]),
+        words('what', 'what', [names(event.owners) for event in events]),
         words('exchanged', 'serial number', ['; '.join(f'{device}: {old or "-"} → {new or "-"}'
                                                        for device, (old, new) in one.items()) for one in exchanged]),
         words('by', 'by (new − old)', [_told(event) for event in events])),
@@ -71,15 +72,15 @@ def size_words(step: Shift) -> str:
     words_of_u = f'{step.strength / COVERAGE_FACTOR:.1f} U'
     if step.size.size > 1:
         return words_of_u
-    factor, unit = text.scale_of(step.series.unit)
+    factor, unit = scale_of(step.series.unit)
     expanded = COVERAGE_FACTOR * factor * float(step.u[0])
-    places = text.decimals(expanded)
-    return f'{words_of_u} ({text.signed(factor * float(step.size[0]), places)} ± {text.fixed(expanded, places)} {unit})'
+    places = decimals(expanded)
+    return f'{words_of_u} ({text.signed(factor * float(step.size[0]), places)} ± {fixed(expanded, places)} {unit})'
 
 
 def slope_words(one: Forecast, curve: str) -> str:
     """Return the slope of a curve with its U, per year."""
-    factor, unit = text.scale_of(SI_UNITS[curve])
+    factor, unit = scale_of(SI_UNITS[curve])
     year = factor * YEAR
     return f'{year * one.slope:+.3f} ± {COVERAGE_FACTOR * year * one.slope_u:.3f} {unit}'
 
@@ -161,7 +162,7 @@ def trend_html(serial: str, model_hash: str, dates: Dates, sentences: Sequence[s
     return PAGES.get_template('trend.html.j2').render(
         serial=serial, model_hash=model_hash, dates=dates, sentences=sentences,
         tables={table.name: table for table in tables}, pictures=inline_svgs(pictures), command=command,
-        simulated=simulated_words(simulated, len(dates)), software=software(), k=text.COVERAGE_FACTOR,
+        simulated=simulated_words(simulated, len(dates)), software=software(), k=COVERAGE_FACTOR,
         iso=text.iso_range(None),
         numbers={name: place for place, name in enumerate(pictures, 1)},
         running=f'Table {serial or "without serial number"}, {len(dates)} runs{" (SIMULATED)" * bool(simulated)}')

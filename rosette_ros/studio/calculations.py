@@ -52,8 +52,8 @@ def read_upload(path: Path) -> tuple[Run, Source]:
     return run.replace(source=path.name), replace(source, path=path.name, files=files)
 
 
-def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str, found: Diagnosis | None,
-              ) -> Budget:
+def budget_with_touches(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str,
+                        found: Diagnosis | None) -> Budget:
     """Return the Budget of a fit, with the scatter of touches where the log of the run has them; found: in the run."""
     return stated_budget(fit, inputs, found, doubt, touches_of(source)[0])
 

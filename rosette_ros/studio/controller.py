@@ -26,7 +26,7 @@ from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.presentation.report import report_html
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.calculations import (
-    budget_of,
+    budget_with_touches,
     curves_by_name,
     joint_of,
     next_plan,
@@ -161,7 +161,7 @@ class Controller:
         stated = read_stated(path, environment)
         inputs = budget_inputs(stated, path or 'budget inputs') if stated else None
         if results.fit and current:
-            await self.ask('budget', budget_of, results.fit, current.source, inputs, refuted(results.verdict),
+            await self.ask('budget', budget_with_touches, results.fit, current.source, inputs, refuted(results.verdict),
                            results.summary and results.summary.diagnosis, of=self.session.ticket)
 
     async def read_touches(self) -> None:

@@ -17,9 +17,11 @@ from numpy.typing import ArrayLike
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.run.geometry import TWO_PI, nominal_angles, rotate_z
+from rosette_ros.core.run.number_words import SCALES
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Ints
 from rosette_ros.core.run.scheme import cmm_position, nominal_places
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, SCALES, curve_scales, curve_units, iso_name, signed
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.presentation.formatting import curve_scales, curve_units, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
 from rosette_ros.presentation.tables import noise_of

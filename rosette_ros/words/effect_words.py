@@ -5,8 +5,7 @@ import math
 from collections.abc import Container, Iterable, Mapping
 
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
-from rosette_ros.core.run.number_words import SCALES as SCALES
-from rosette_ros.core.run.number_words import UNKNOWN, Scale
+from rosette_ros.core.run.number_words import SCALES, UNKNOWN, Scale
 from rosette_ros.core.run.records import in_time
 
 MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}

@@ -12,13 +12,12 @@ from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict, Verdi
 from rosette_ros.core.diagnosis.wrong_readings import WRONG, WrongReading
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
-from rosette_ros.core.run.number_words import micrometres, multiple, p_words
+from rosette_ros.core.run.number_words import SCALES, micrometres, multiple, p_words
 from rosette_ros.core.run.records import SI_UNITS
 from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Unseen
 from rosette_ros.words.effect_words import (
     MEANINGS,
-    SCALES,
     capital,
     decimals,
     fixed,
@@ -26,8 +25,8 @@ from rosette_ros.words.effect_words import (
     names,
     scale_of,
     setting_words,
+    title_of,
 )
-from rosette_ros.words.effect_words import title_of as title_of
 from rosette_ros.words.reading_words import remark_words
 
 if TYPE_CHECKING:  # plan and info start without the least squares

@@ -75,7 +75,7 @@ def test_options_change_a_calibration():
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('repeat: 5', "options: unknown name 'repeat'; did you mean repeats. Known: turning"),
+    ('repeat: 5', "options: wanted one of turning, .*, got 'repeat'; did you mean 'repeats'"),
     ('repeats: -1', r'options: repeats: wanted a whole number in 0 \.\. 10000'),
     ('repeats', 'wanted a YAML mapping such as "repeats: 5", got \'repeats\''),
     ('a: [', 'options: wanted YAML, got text that is none: line 2'),

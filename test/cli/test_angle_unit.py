@@ -11,7 +11,8 @@ from simulated import simulated_table
 from test_certificate import IDENTITY
 
 from rosette_ros.core.run.number_words import ANGLES, angle_unit, show_angles
-from rosette_ros.presentation.formatting import clamping_words, curve_units, scale_of
+from rosette_ros.presentation.formatting import clamping_words, curve_units
+from rosette_ros.words.effect_words import scale_of
 
 ARCSEC = '--angle-unit', 'arcsec'
 IN_ARCSEC = 0.20626480624709636  # arc seconds of one µrad

@@ -66,7 +66,7 @@ def test_defaults_and_overrides(example):
     ('plate.radius_m:=.nan', r'wanted a number in 0\.001 \.\. 10 .* got nan'),
     ('order:=circle', "order: wanted one of row, column .* got 'circle'"),
     ('origin:=[1.0, 2.0]', 'wanted a list of 3 numbers'),
-    ('plate.bals:=6', "unknown name 'plate.bals'; did you mean plate.balls. Known: plate.balls, "),
+    ('plate.bals:=6', "node example: parameter: wanted one of .*, got 'plate.bals'; did you mean 'plate.balls'"),
 ])
 def test_wrong_override_is_refused_in_words(example, setting, words):
     """The node does not start."""

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.long
     ('sequencer', ['-p', 'plate.balls:=2'],
      'sequencer: node sequencer: parameter: plate.balls: wanted a whole number in 3 .. 1000'),
     ('simulated_cmm', ['-p', 'machine:=/nowhere/machine.yaml'], '/nowhere/machine.yaml'),
-    ('recorder', ['-p', 'logdir:=x'], "unknown name 'logdir'; did you mean log_dir"),
+    ('recorder', ['-p', 'logdir:=x'], "got 'logdir'; did you mean 'log_dir'?"),
     ('recorder', ['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
 ])
 def test_wrong_start_is_one_line_and_exit_code_2(domain_id, module, args, words):

@@ -11,9 +11,11 @@ from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.axes import axis_rotation, taught_frame
+from rosette_ros.core.run.number_words import SCALES, micrometres, multiple, p_value, significant
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.formatting import SCALES, model_words, scale_of, setting_words
+from rosette_ros.presentation.formatting import model_words
+from rosette_ros.words.effect_words import exact, fixed, names, plain, scale_of, setting_words
 
 
 @pytest.mark.parametrize(('value', 'unit', 'name', 'shown', 'in_unit'), [
@@ -43,23 +45,23 @@ def test_every_unit_of_the_library_is_known():
     (0.5, '0.5'), (0.0123, '0.012'), (4.2e-5, '4.2e−5'), (1e-9, '<1e−6'), (0.9999, '>0.99'), (math.nan, '–')])
 def test_probabilities(p, shown):
     """Two significant digits between the limits."""
-    assert text.p_value(p) == shown
+    assert p_value(p) == shown
 
 
 @pytest.mark.parametrize(('shown', 'wanted'), [
-    (text.fixed(-1.234, 1), '−1.2'), (text.fixed(-0.04, 1), '0.0'), (text.signed(-0.04, 1), '+0.0'),
-    (text.signed(2, 1), '+2.0'), (text.plain(-1.234, 1), '-1.2'), (text.exact(51.428571, 3), '51.429'),
-    (text.exact(-60.0, 3), '−60'), (text.micrometres(9.5e-8), '0.0950 µm'), (text.millimetres(0.1825), '182.5 mm'),
+    (fixed(-1.234, 1), '−1.2'), (fixed(-0.04, 1), '0.0'), (text.signed(-0.04, 1), '+0.0'),
+    (text.signed(2, 1), '+2.0'), (plain(-1.234, 1), '-1.2'), (exact(51.428571, 3), '51.429'),
+    (exact(-60.0, 3), '−60'), (micrometres(9.5e-8), '0.0950 µm'), (text.millimetres(0.1825), '182.5 mm'),
     (text.before_after(5.41e-7, 1.03e-7), '0.541 → 0.103'), (text.before_after(math.nan, math.nan), '–'),
     (text.at_least(0.0126, 3), '0.013'), (text.at_least(4e-4, 3), '<0.001'), (text.at_least(0.0, 3), '0'),
     (text.percent(0.834), '83 %'), (text.sigmas(3.14), '3.1 σ'), (text.sigmas(0.00098), '0.00098 σ'),
-    (text.micrometres(7.36e-4), '736 µm'), (text.micrometres(1e-3), '1000 µm'),
-    (text.micrometres(4.09e-11), '0.0000409 µm'),
-    (text.micrometres(0), '0 µm'), (text.micrometres(9.999e-7), '1.00 µm'), (text.micrometres(-1e-18), '−1.00e−12 µm'),
-    (text.significant(99999, 3), '99999'), (text.significant(math.nan), '–'), (text.multiple(1.073), '1.07'),
-    (text.multiple(0.00098), '0.00098'), (text.multiple(7361.2), '7361'), (text.multiple(3e9), 'more than a million'),
+    (micrometres(7.36e-4), '736 µm'), (micrometres(1e-3), '1000 µm'),
+    (micrometres(4.09e-11), '0.0000409 µm'),
+    (micrometres(0), '0 µm'), (micrometres(9.999e-7), '1.00 µm'), (micrometres(-1e-18), '−1.00e−12 µm'),
+    (significant(99999, 3), '99999'), (significant(math.nan), '–'), (multiple(1.073), '1.07'),
+    (multiple(0.00098), '0.00098'), (multiple(7361.2), '7361'), (multiple(3e9), 'more than a million'),
     (setting_words('frame_warmup', {'tau': 1.2e6}), 'tau 20000 min'), (text.duration(41), '41 s'),
-    (text.duration(6720), '1 h 52 min'), (text.names(['a', 'b', 'c']), 'a, b and c'),
+    (text.duration(6720), '1 h 52 min'), (names(['a', 'b', 'c']), 'a, b and c'),
     (text.repeatability_words(1.079e-7, 27), '0.1079 µm per coordinate, 27 degrees of freedom'),
     (text.repeatability_words(1e-7, None, (9e-8, 1e-7, 2.1e-7)),
      '0.1000 µm per coordinate (x 0.090, y 0.100, z 0.210 µm)')])

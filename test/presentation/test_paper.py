@@ -17,11 +17,11 @@ from rosette_ros.analysis import summarise
 from rosette_ros.core.run.remarks import RemarkKind, remark
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.identity_file import parse_identity
-from rosette_ros.presentation.formatting import MEANINGS
 from rosette_ros.presentation.report import Source, report_html
 from rosette_ros.presentation.report.provenance import FileDigest
 from rosette_ros.presentation.report.verification import verification_html, verify
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.effect_words import MEANINGS
 
 pytestmark = pytest.mark.long
 

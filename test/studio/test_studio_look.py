@@ -12,10 +12,10 @@ from rosette_ros.analysis import summarise
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.open_run import open_run
-from rosette_ros.presentation.formatting import MEANINGS, words_of
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.presentation.report import report_html
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.effect_words import MEANINGS, words_of
 
 pytestmark = pytest.mark.long
 

@@ -84,7 +84,7 @@ def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
                           'equally spaced, and readings that join all of them')
 
 
-def unseen(n: int) -> tuple[Floats, Floats]:
+def unmeasurable(n: int) -> tuple[Floats, Floats]:
     """Return the combinations of unknowns that no readings see, of z, (5 n, 6), and of x and y, (7 n, 7)."""
     phi = nominal_angles(n)
     c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)

@@ -26,7 +26,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, pairs, unseen
+from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, pairs, unmeasurable
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.model.waves import Waves
@@ -140,7 +140,7 @@ class Places:
         rows = (3 * self.order[:, None] + np.arange(3)).ravel()
         self.adjoint = self.design[rows].T.tocsr()  # in the order of places: sums do not tell when a reading was taken
         self.adjoint.indices = rows.astype(np.int32)[self.adjoint.indices]
-        self.gauges = [self._gauge(vectors, part) for vectors, part in zip(unseen(n), self.parts)]
+        self.gauges = [self._gauge(vectors, part) for vectors, part in zip(unmeasurable(n), self.parts)]
 
     def _gauge(self, vectors: Floats, part: slice) -> tuple[Floats, Floats, Floats]:
         """Return what no readings see of a part, V (q, k); how much of it is in unknowns, S (k, q); and, orthonormal,

@@ -19,6 +19,7 @@ from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.tables import nested_names
+from rosette_ros.words.effect_words import decimals, fixed
 
 BAR = 0.34
 ROW = 0.165
@@ -143,8 +144,8 @@ def budget_bars(made: Budget, found: MonteCarlo | None = None) -> Figure:
         for row, kind in enumerate(kinds):
             if values[row, place] >= LEAST * top:
                 panel.barh(row, values[row, place], height=0.72, **LOOKS[kind])
-                digits, gap = text.decimals(float(values[row, place])), 0.05 if found and kind == 'combined' else 0.02
-                panel.text(values[row, place] + gap * top, row, text.fixed(values[row, place], digits), va='center')
+                digits, gap = decimals(float(values[row, place])), 0.05 if found and kind == 'combined' else 0.02
+                panel.text(values[row, place] + gap * top, row, fixed(values[row, place], digits), va='center')
         if found:
             panel.plot([factors[place] * found.agreements[place].found], [rows - 1], marker='D', markersize=4.5,
                        markerfacecolor='white', markeredgecolor=style.BEFORE, linestyle='none', zorder=6)

@@ -16,9 +16,10 @@ from rosette_ros.core.diagnosis.recovered_shape import Shape, strongest
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES, places
 from rosette_ros.core.run.records import Floats, Run
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, fixed
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.tables import LEAST_NOISE
+from rosette_ros.words.effect_words import fixed
 
 ANGLES = {angle: str(angle) for angle in range(0, 301, 60)}
 LOOKS = ((style.BEFORE, 3.4, style.DASHED), (style.AFTER, 2.4, '-'))

@@ -12,9 +12,11 @@ from matplotlib.patches import Patch
 
 from rosette_ros.core.run.geometry import clamping, nominal_angles
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import AxisError, error_lines, once_per_turn
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, clamping_words, curve_scales, fixed, iso_name
+from rosette_ros.presentation.formatting import clamping_words, curve_scales, iso_name
 from rosette_ros.presentation.plots import plot_style as style
+from rosette_ros.words.effect_words import fixed
 
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
 MEANING = {'ctx': 'radial in x', 'cty': 'radial in y', 'ctz': 'axial', 'crx': 'tilt about x',

@@ -10,8 +10,8 @@ from matplotlib.patches import Circle, Rectangle
 
 from rosette_ros.core.run.geometry import Bools, Floats, Ints
 from rosette_ros.core.run.sphere_refit import SphereRefit
-from rosette_ros.presentation.formatting import fixed
 from rosette_ros.presentation.plots import plot_style as style
+from rosette_ros.words.effect_words import fixed
 
 MOST_DOTS = 4000
 """Of more touches the largest residuals and an even choice of the others are drawn."""

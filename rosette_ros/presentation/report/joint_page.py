@@ -11,6 +11,7 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import find_files
 from rosette_ros.io.open_run import has_plate, is_log, open_readings
@@ -55,7 +56,7 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
         command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result, identity)},
         identity=identity_rows(identity, contradictions), signer=signer(identity), not_stated=NOTHING,
-        values=[table.name for table in results.joint_curves(result)], k=text.COVERAGE_FACTOR, software=software(),
+        values=[table.name for table in results.joint_curves(result)], k=COVERAGE_FACTOR, software=software(),
         numbers={name: place for place, name in enumerate(pictures, 1)},
         simulated=simulated_words(simulated, len(runs)),
         annexed=annexed, running=f'{len(runs)} runs as one, the first {runs[0].name}{" (SIMULATED)" * bool(simulated)}')

@@ -17,6 +17,7 @@ from rosette_ros.core.run.records import ErrorMotions, Run
 from rosette_ros.core.run.reduced_sets import relative_uncertainty
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import difference, doubt_of, fit_lines, refuted
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
@@ -37,10 +38,10 @@ from rosette_ros.presentation.tables import base_name, curves, tables_of, weak_e
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.budget_words import not_considered
-from rosette_ros.words.effect_words import capital
+from rosette_ros.words.effect_words import capital, fixed, title_of
 from rosette_ros.words.reading_words import notes_of, remark_words
 from rosette_ros.words.result_words import comparison_words
-from rosette_ros.words.verdict_words import HEADLINES, title_of, verdict_text
+from rosette_ros.words.verdict_words import HEADLINES, verdict_text
 
 MOST_CANDIDATES, MOST_SHARES, MOST_WEAK = 8, 3, 5
 COLUMNS = {'causes': ('probability', 'does', 'rms_after_um', 'check'),  # the sentence says what moves, by which law
@@ -64,13 +65,13 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     pictures: of `pictures_of`, where they are drawn already; inputs: of the uncertainty budget; annexed: whether the
     annex with all other figures and tables is added, on paper, too."""
     refit, untouched = touches_of(source)
-    made = budget_of(summary, refit, inputs)
+    made = budget_of_summary(summary, refit, inputs)
     pictures = pictures or pictures_of(summary, overlays, refit, made, annexed, source)
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, verdict=verdict_text(summary.verdict), source=source, iso=text.iso_range(run.rotation),
         headline=HEADLINES[summary.verdict.outcome], command=command,
-        compared=comparison_words(summary.comparison), pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
+        compared=comparison_words(summary.comparison), pictures=inline_svgs(pictures), k=COVERAGE_FACTOR,
         advised=advice_words(summary.advice) if summary.advice else '',
         changed=summary.found is not None, now=text.NOW, found=text.FOUND, cross_validation=text.CROSS_VALIDATION,
         tables=shown_tables(summary, identity, refit, made), budget=made,
@@ -96,7 +97,7 @@ def touches_of(source: Source | None) -> tuple[SphereRefit | None, list[str]]:
     return found, [NO_TOUCHES] if source and not found else []
 
 
-def budget_of(summary: Summary, refit: SphereRefit | None = None,
+def budget_of_summary(summary: Summary, refit: SphereRefit | None = None,
               inputs: BudgetInputs | None = None) -> Budget | None:
     """Return the uncertainty budget as modelled now; None where the plate is too large, or there are no curves."""
     fit = summary.fit
@@ -223,7 +224,7 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Measured by', 'a simulated CMM' if run.simulated else
              'a CMM; nothing in the data says that it is simulated'),
             ('Readings', text.run_size(run)),
-            ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
+            ('Mean radius', f'{fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Table axis', text.axis_words(run.rotation)), ('Sequence', text.sequence_words(order_of(run, source))),
             ('Log begun', source.begun if source and source.begun else 'not recorded'),
             ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
@@ -244,5 +245,5 @@ def _temperature(run: Run) -> str:
     if not known.size:
         doubt = remark_on_temperature(run.temperature)
         return remark_words(doubt) if doubt else 'not recorded'
-    first, last, low, high = (text.fixed(float(one), 3) for one in (known[0], known[-1], known.min(), known.max()))
+    first, last, low, high = (fixed(float(one), 3) for one in (known[0], known[-1], known.min(), known.max()))
     return f'{first} °C at the start, {last} °C at the end, between {low} and {high} °C'

@@ -20,6 +20,7 @@ from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import same_angles
+from rosette_ros.core.run.number_words import p_value
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Ints
 from rosette_ros.core.uncertainty.error_summary import peak_to_valley
 from rosette_ros.io.csv_cells import cells_of
@@ -30,6 +31,7 @@ from rosette_ros.presentation.plots.result_plots import Extra, Series, differenc
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, software
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
+from rosette_ros.words.effect_words import fixed, scale_of
 from rosette_ros.words.result_words import ConclusionText
 
 ROLES = (('(i) all corrected', ()), ('(ii) plate turned', ()), ('(iii) CMM correction off', ()),
@@ -238,7 +240,7 @@ def verification_html(verification: Verification, command: str = '',
         verification=verification, iso=text.iso_range(verification.rotation),
         sizes=_bars(verification), files=tuple(files.values()), command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
-        p=f'{text.P_VALUE} of the differences: {text.p_value(verification.p)}', maker=maker_rows(verification),
+        p=f'{text.P_VALUE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
         sized=text.sized,
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), annexed=annexed,
@@ -275,7 +277,7 @@ def _bars(verification: Verification) -> list[tuple[str, list[tuple[str, float, 
     for place, (heading, si, digits) in enumerate((('Translations', 'm', 3), ('Rotations', 'rad', 2))):
         values = (('Reproducibility of these runs', verification.overall[place], 'after'),
                   ('Expected of noise', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
-        groups.append((f'{heading}, {text.scale_of(si).unit}', [
+        groups.append((f'{heading}, {scale_of(si).unit}', [
             (label, value, text.sized(value, si, digits), kind) for label, value, kind in values]))
     return groups
 
@@ -317,9 +319,9 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
         words('run', 'run', [one.label for one in members]),
         *(column(f'span_{curve}_{text.file_unit(unit)}', curve, [
             factor * float(peak_to_valley(one.error_motions[curve])) for one in fits],
-                 partial(text.fixed, places=3 - (unit == 'µrad')), unit)
+                 partial(fixed, places=3 - (unit == 'µrad')), unit)
           for curve, (factor, unit) in zip(CURVES, text.curve_scales(), strict=True))))
-    columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(text.fixed, places=1), '°')]
+    columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(fixed, places=1), '°')]
     for place, one in enumerate(members, 1):
         columns += [column(f'run{place}_{curve}_{text.file_unit(unit)}', curve, factor * one.fit.error_motions[curve],
                            partial(text.signed, places=3 - (unit == 'µrad')) if place == 1 else None, unit)

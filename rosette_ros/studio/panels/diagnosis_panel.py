@@ -16,13 +16,14 @@ from rosette_ros.core.planning.next_readings import UNTIL, in_doubt
 from rosette_ros.core.run.records import Run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
-from rosette_ros.presentation.formatting import MEANINGS, duration, glued, micro, words_of
+from rosette_ros.presentation.formatting import duration, glued, micro
 from rosette_ros.presentation.identity_words import SIMULATED
 from rosette_ros.presentation.plots.residual_plots import shapes
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
+from rosette_ros.words.effect_words import MEANINGS, words_of
 from rosette_ros.words.result_words import check_words, reason_words
 from rosette_ros.words.verdict_words import HEADLINES, titles, verdict_text
 

@@ -12,7 +12,7 @@ from rosette_ros.core.run.errors import RosetteError
 from rosette_ros.core.uncertainty.error_summary import doubt_of, fit_lines
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.error_results import change_errors, curve_changes, errors
-from rosette_ros.presentation.formatting import FOUND, NOW, words_of
+from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.presentation.plots.result_plots import deviations, polar_motions
@@ -22,6 +22,7 @@ from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row
 from rosette_ros.studio.studio_session import OpenedRun, Preview
+from rosette_ros.words.effect_words import words_of
 
 PREVIEWED = 'with preview'
 WIDTH = 720

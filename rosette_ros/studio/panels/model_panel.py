@@ -10,8 +10,9 @@ from nicegui import ui
 from rosette_ros.analysis import LadderStep
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.run.errors import InvalidModel, one_line
+from rosette_ros.core.run.number_words import UNKNOWN
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.formatting import CROSS_VALIDATION, UNKNOWN, micro
+from rosette_ros.presentation.formatting import CROSS_VALIDATION, micro
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, input_field, marked, row

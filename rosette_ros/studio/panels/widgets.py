@@ -9,10 +9,11 @@ from matplotlib.figure import Figure as Picture
 from nicegui import background_tasks, run, ui
 from nicegui.events import ClickEventArguments, GenericEventArguments, Handler
 
-from rosette_ros.presentation.formatting import glued, plain_name
+from rosette_ros.presentation.formatting import glued
 from rosette_ros.presentation.report.page_parts import inline_svgs
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.studio.figures import PlotlyFigure
+from rosette_ros.words.effect_words import plain_name
 
 CLICKED = '(event) => emit([event.points[0].curveNumber, event.points[0].pointNumber])'
 """What the browser sends of a click into a figure."""
