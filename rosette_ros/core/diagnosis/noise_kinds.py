@@ -43,8 +43,9 @@ RATIOS = 2.0**np.arange(-2, 2.5, 0.5)
 WANDER = 'wander'
 LOOKED = 2.0**np.arange(-5, 5.1, 0.25)
 """Sizes of the noise, squared, over those in equal noise of which the best one counts where kinds are looked at."""
-PROBES, STANDS = 16, 4.0
-"""Draws of white noise, and the square by which, in units of their scatter, a run stands out that may wander."""
+WORTH, PROBES = LEAST + 1, 256
+"""Log evidence of a wander by its spectra, which are low by about 1 (scatter: by 2), below which it is not tried; draws
+of white noise, times balls, by which the share that a fit leaves of each frequency is known."""
 STEPS = 12
 """Steps of variational Bayes at most: it has converged where the evidence grows by less than TOLERANCE."""
 TOLERANCE = 0.3
@@ -190,13 +191,14 @@ class NoiseKinds:
     @property
     def may_be(self) -> bool:
         """Whether one of them is worth looking at beside white noise."""
-        return any(self._hope(name) > LEAST for name in self.groups) or (self._may_wander and self._wanders())
+        return any(self._hope(name) > LEAST for name in self.groups) or (
+            self._may_wander and self._wander_hope > WORTH)
 
     def found(self, least: float = LEAST) -> list[Found]:
         """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
         white = Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)
         least = min(least, LEAST)
-        out = [white, *(self._wander(least) if self._may_wander and self._wanders() else ())]
+        out = [white, *(self._wander(least) if self._may_wander and self._wander_hope > WORTH else ())]
         made = [one for name in self.groups if self._hope(name) > least for one in self._scatter((name,), least)]
         single = sorted((one for one in made if one.bound > white.log_evidence), key=lambda one: -one.bound)
         for other in single[1:3]:
@@ -222,18 +224,33 @@ class NoiseKinds:
             values.append(known + by_size.max() + np.sum(gammaln(a) - gammaln(shape) + shape * np.log(rate)) + dof / 2)
         return float(log_mean(np.array(values))) + self._each
 
-    def _wanders(self) -> bool:
-        """Return whether readings near in time agree more than in white noise, so that a wander may be worth it.
+    @cached_property
+    def _wander_hope(self) -> float:
+        """About what a wander is worth, from the spectra of what the fit of equal noise leaves (Whittle).
 
-        Score test of r'K r, K the correlations of a wander, against what the fit leaves of PROBES of white noise."""
+        ln p = -m/2 ln sum p / f - 1/2 sum g ln f over the frequencies, p the power of what is left, f the spectrum of
+        the noise over that of white noise, g the share of a frequency that the fit leaves of white noise: what that
+        has in common with what is left of it, in so many PROBES that the sum is known to a fourth of its scatter."""
         white, size, rng = self.beside.white, self.run.size, np.random.default_rng(0)
-        memory = np.array(MEMORIES[1:5:3])[:, None]**np.arange(1, size)
-        rows = (white.freed(rng.standard_normal((1, size, 3)))[0] if k else white.fitted[0].reshape(size, 3)
-                for k in range(PROBES + 1))  # one by one, as they may be long
-        score = np.array([memory @ np.fft.irfft(np.abs(np.fft.rfft(row, 2 * size, axis=0))**2, axis=0)[1:size]
-                          / np.maximum(np.sum(row**2, axis=0), np.finfo(float).tiny) for row in rows])
-        off = (score[0] - score[1:].mean(axis=0)) / score[1:].std(axis=0, ddof=1)
-        return bool((np.sum(np.maximum(off, 0)**2, axis=1) > STANDS).any())
+        residual, _, square, _ = white.fitted
+        power = np.abs(np.fft.rfft(residual.reshape(size, 3), axis=0))**2 / size
+        common, whole = np.zeros(power.shape), np.zeros(power.shape)
+        for _ in range(max(2, -(-PROBES // self.run.n))):  # one by one, as they may be long
+            drawn = rng.standard_normal((1, size, 3))
+            before, after = (np.fft.rfft(one[0], axis=0) for one in (drawn, white.freed(drawn)))
+            common += (after * before.conj()).real
+            whole += np.abs(before)**2
+        angle = 2 * np.pi * np.arange(len(power)) / size
+        times = np.where((angle > 0) & (angle < np.pi), 2.0, 1.0)[:, None]
+        energy, free = times * power, times * common / whole
+        values = []
+        for phi in MEMORIES:
+            drive = 1 - phi**2 if phi < 1 else 1 / size
+            spectrum = 1 + SHARES[:, None] * drive / np.abs(1 - phi * np.exp(1j * np.maximum(angle, np.pi / size)))**2
+            (z, w), (det_z, det_w) = ((one[:, 2], one[:, 0] + one[:, 1]) for one in (
+                (1 / spectrum) @ energy, np.log(spectrum) @ free))
+            values.append(-self.beside.dof / 2 * np.log(np.add.outer(z, w) / square) - np.add.outer(det_z, det_w) / 2)
+        return float(log_mean(np.array(values).reshape(-1))) + self._each
 
     def _prior(self, name: str, nu: Floats | float) -> tuple[Floats, Floats, Floats]:
         """Return shapes and rates (..., groups) of the gamma distributions of weights, and log evidence of the check.
