@@ -144,7 +144,7 @@ class Certificate:
         return tuple(map(words_of_entry, self.identity.missing))
 
 
-NO_RESULT = frozenset((RemarkKind.NO_TEMPERATURE, RemarkKind.UNIT_OF_TEMPERATURE))
+NO_RESULT = frozenset((RemarkKind.NO_TEMPERATURE, RemarkKind.UNIT_OF_TEMPERATURE, RemarkKind.SAME_TEMPERATURE))
 """Remarks that a certificate does not repeat: it states the temperatures."""
 
 
@@ -162,7 +162,7 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
     run, source = open_source(path, inputs.run_id)
     identity, contradictions = source.identity.with_changes(inputs.identity)
     limits, measured = identity.limits(run.rotation), _measured(run, source)
-    days = _complete(identity, [measured], ask)
+    days = _complete(identity, [measured], ask, inputs.issued)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
     given, verdict = budget_inputs(inputs.budget) if inputs.budget else BudgetInputs(), None
     found = find(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
@@ -190,7 +190,7 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certif
     runs = [Measured(readings.name, (('Run', joint_head(readings)),), None, np.array([]), readings.simulated)
             if has_plate(path) else _measured(*open_source(path, inputs.run_id))
             for path, (readings, _) in zip(paths, opened, strict=True)]
-    days = _complete(identity, runs, ask)
+    days = _complete(identity, runs, ask, inputs.issued)
     given = environment_of(inputs.budget)
     result = evaluate_jointly([run for run, _ in opened], inputs.sharing, given)
     conclusion = conclude(result)
@@ -206,10 +206,10 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certif
                    evaluation, unknown, tuple(dict.fromkeys(file for _, files in opened for file in files)))
 
 
-def _complete(identity: Identity, runs: Sequence[Measured], ask: Ask) -> tuple[str, str]:
+def _complete(identity: Identity, runs: Sequence[Measured], ask: Ask, issued: str) -> tuple[str, str]:
     """Return the first and the last day; ask for the mandatory data that nobody stated, or raise InvalidData that
     names all of them where there is no document without one."""
-    days = _days(identity, [run.days for run in runs if run.days])
+    days = _days(identity, [run.days for run in runs if run.days], issued)
     lacking = [entry for entry in NEEDED if not identity[entry]]
     lacking += [] if days else ['measured.begin', 'measured.end']
     others = tuple(words_of_entry(entry) for entry in identity.missing if entry not in lacking)
@@ -220,7 +220,7 @@ def _complete(identity: Identity, runs: Sequence[Measured], ask: Ask) -> tuple[s
                           f'config/identity.yaml){also}')
     if others:
         ask(others)
-    _check_issue(identity['certificate.date'], days[1])
+    _check_issue(identity['certificate.date'], issued, days[1])
     return days
 
 
@@ -250,10 +250,12 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], d
               for file in files), made)
 
 
-def _days(identity: Identity, known: Sequence[tuple[str, str]]) -> tuple[str, str] | None:
-    """Return the first and the last day, of the runs or else as stated; raises InvalidData where both differ."""
+def _days(identity: Identity, known: Sequence[tuple[str, str]], issued: str) -> tuple[str, str] | None:
+    """Return the first and the last day, of the runs or else as stated; raises InvalidData where both differ.
+
+    Days of a recorder after the day of issue are those of a wrong clock, and the stated ones count."""
     stated = identity['measured.begin'], identity['measured.end'] or identity['measured.begin']
-    if not known:
+    if not known or (stated[0] and _is_after(max(end for _, end in known), issued)):
         return stated if stated[0] else None
     found = min(begin for begin, _ in known), max(end for _, end in known)
     for which, name, one, other in zip((0, 1), ('begin', 'end'), stated, found):
@@ -263,11 +265,19 @@ def _days(identity: Identity, known: Sequence[tuple[str, str]]) -> tuple[str, st
     return found
 
 
-def _check_issue(issued: str, ended: str) -> None:
-    """Raise InvalidData where the stated day of issue lies before the last day of measuring."""
-    if issued and datetime.date.fromisoformat(issued) < datetime.date.fromisoformat(ended) - DAY:
+def _is_after(day: str, issued: str) -> bool:
+    return datetime.date.fromisoformat(day) > datetime.date.fromisoformat(issued) + DAY
+
+
+def _check_issue(stated: str, issued: str, ended: str) -> None:
+    """Raise InvalidData where the day of issue, stated or that of today, lies before the last day of measuring."""
+    if stated and _is_after(ended, stated):
         raise InvalidData(f'certificate: certificate.date: wanted a day of issue after the measurement, which ended '
-                          f'{ended}, got {issued}; correct it in the identity file')
+                          f'{ended}, got {stated}; correct it in the identity file')
+    if _is_after(ended, issued):
+        raise InvalidData(f'certificate: measured.end: wanted a day of measuring before that of issue, {issued}, got '
+                          f'{ended}; was the clock of the recorder wrong? State measured.begin and measured.end in '
+                          'the identity file')
 
 
 def _measured(run: Run, source: Source) -> Measured:

@@ -69,7 +69,7 @@ def parse_csv(data: bytes, source: str = 'table', columns_of: ColumnMap | None =
         repeatability_axes=table.repeatability_axes,
         run_id=table.run_id, repeats=table.repeats, session=table.session,
         source=source, notes=tuple(notes), simulated=table.simulated,
-        rotation=table.rotation, table_offset=table.table_offset, **recorded)
+        rotation=table.rotation, table_offset=table.table_offset, begun=table.begun, **recorded)
     return run.replace(remarks=remarks_on_table(run, table.step, 'time_s' in columns))
 
 

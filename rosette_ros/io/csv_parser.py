@@ -8,7 +8,6 @@ import contextlib
 import re
 import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from datetime import datetime
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from rosette_ros.io.table_heading import (
     whole_number,
     wrong,
 )
+from rosette_ros.io.table_times import moments
 
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
            'temperature_C', 'approach')
@@ -54,6 +54,8 @@ LEAVE_OUT = 'leave out the row of a ball that was not measured'
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _SEP = re.compile(r'"?sep=([,;|:\t])"?[,;\s]*')
 _CLOCK = re.compile(r'\d[.\s-]*[^\W\d_]{3}|\d:\d|\d[-/.]\d+[-/.]\d')
+_MINUS = dict.fromkeys(map(ord, '−–‒﹣－'), '-')
+"""Signs that programs and people write for a minus."""
 _OTHER_DECIMAL = str.maketrans('.,', ',.')
 _HEADS, MOST_COLUMNS = 1000, 10_000
 """The names of the columns stand in one of so many lines; so many there may be."""
@@ -61,20 +63,6 @@ Row = tuple[int, str]
 """Line and text of a row."""
 _TEMPLATE = ('`rosette plan --balls 12 --radius-mm 182.5 --order diagonal --csv-template` prints an empty table for '
              'such a plate')
-
-
-def _since_first(cells: Sequence[str | None]) -> list[float | None] | None:
-    """Return dates with time of day, ISO 8601 or day.month.year, in s since the first; None where they are none."""
-    texts = [re.sub(r'^(\d\d?)\.(\d\d?)\.(\d{4})[ /T]+', lambda date: f'{date[3]}-{date[2]:0>2}-{date[1]:0>2} ',
-                    (cell or '').strip()) for cell in cells]
-    first = next(filter(None, texts), '')
-    if not re.search('[:T]', first):
-        return None
-    try:
-        begin = datetime.fromisoformat(first)
-        return [(datetime.fromisoformat(text) - begin).total_seconds() if text else None for text in texts]
-    except (ValueError, TypeError):  # none, or with and without a time zone
-        return None
 
 
 def _column(name: str) -> tuple[str, float]:
@@ -111,6 +99,7 @@ class _Sheet:
 
         Raises InvalidData where it is no text, quotes stay open, or columns of the map are missing."""
         self.source, self.notes = source, list[str]()
+        self.begun: float | None = None
         whole = self._text(data)
         self.format, foreign = read_foreign(whole, source) or (
             '', ForeignTable(list(enumerate(re.split('\r\n|\r|\n', whole), 1)), {}))
@@ -202,13 +191,14 @@ class _Sheet:
         comma = self.separator != ',' and any(',' in cell for name in _PLACE for cell in texts[name])
         if not self.is_mapped:
             self.notes[:0] = self._read_with(' and decimal commas' * comma)
-        moments = _since_first(texts['time_s']) if 'time_s' in texts else None
+        times = moments(texts['time_s'], self._no_time) if 'time_s' in texts else None
         columns = {name: (self._numbers(name, cells, ',' if comma else '.'), np.array([not cell for cell in cells]))
-                   for name, cells in texts.items() if name != 'time_s' or moments is None}
-        if moments is not None:
-            since = np.array([np.nan if one is None else one for one in moments], dtype=float)
+                   for name, cells in texts.items() if name != 'time_s' or times is None}
+        if times is not None:
+            since = np.array([np.nan if one is None else one for one in times.since_first], dtype=float)
             columns['time_s'], self.columns['time_s'] = (since, np.isnan(since)), (self.columns['time_s'][0], 1.0)
-            self.notes.append('dates with time of day were taken as seconds since the first')
+            self.notes.append(f'{times.words} taken as seconds since the first')
+            self.begun = times.begun
         is_row = ~np.all([columns[name][1] for name in _PLACE], axis=0)
         columns = {name: (values[is_row], empty[is_row]) for name, (values, empty) in columns.items()}
         angles = [cell.replace(',', '.') for cell, is_one in zip(texts['table_angle_deg'], is_row)
@@ -250,11 +240,16 @@ class _Sheet:
     def _texts(self) -> dict[str, list[str]]:
         """Return the cells of each column, '' where nothing stands; raises InvalidData where a row has more or fewer.
         """
-        rows = [self.cells(line, text.replace('−', '-')) for line, text in self.rows]
+        rows = [self.cells(line, text.translate(_MINUS)) for line, text in self.rows]
         uneven = next((at for at, cells in enumerate(rows) if len(cells) != len(self.names)), None)
         if uneven is not None:
             raise self._uneven(*self.rows[uneven], len(rows[uneven]))
         return {name: [cells[at].strip() for cells in rows] for name, (at, _) in self.columns.items()}
+
+    def _no_time(self, row: int, wanted: str, advice: str) -> InvalidData:
+        line, text = self.rows[row]
+        return wrong(self.source, line, 'time_s', wanted, repr(self.cells(line, text)[self.columns['time_s'][0]][:80]),
+                     advice)
 
     def _uneven(self, line: int, text: str, count: int) -> InvalidData:
         if text.startswith(('#', '"#')):
@@ -326,7 +321,8 @@ class CsvTable:
 
     columns: array (N,) by column name, units as in the name, without those of which nothing is given; centre: (N, 3),
     mm; angle_cells: the texts of table_angle_deg; lines: line of each row; radius, repeatability: m; step: to which the
-    coordinates are rounded, m, 0 where they are not; balls: as the heading says, or None; session: (N,) 1 and one more
+    coordinates are rounded, m, 0 where they are not; begun: as of Run;
+    balls: as the heading says, or None; session: (N,) 1 and one more
     from each row of `pauses_before` on; in_machine: whether the coordinates are in the machine frame; rotation: as of
     Run; plate, positions: the plate file, '' where the pitch is equal, and how many steps a turn of the table has, or
     None; table_offset: table angle of table position 1, rad; notes: how the table was read, in words."""
@@ -337,6 +333,7 @@ class CsvTable:
         self.source, self.notes = source, sheet.notes
         _check_all(sheet, heading, columns_of)
         self.lines, columns, self.angle_cells = sheet.table()
+        self.begun = sheet.begun
         made = {name: self._numbers(name, values, empty) for name, (values, empty) in columns.items()
                 if name in _REQUIRED or not empty.all()}
         written: Floats = np.stack([made[name] for name in _PLACE], axis=-1)

@@ -17,12 +17,14 @@ Pairs = Sequence[tuple[Target, Answer]]
 """Targets, and of each the answer that counts, in the order of asking."""
 ECHO = 1e-12  # an answer that is no farther from the expected place is that place, m
 SAME_TURN = 0.1  # a travel that differs by less from what was asked, rad, is that of the asked move
-PACES, TEMPERATURES, REPEATABILITIES = (1.0, 3600.0), (5.0, 45.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
+PACES, TEMPERATURES, REPEATABILITIES = (1.0, 600.0), (5.0, 45.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
 RADII = (0.02, 5.0)
 """Circles of ball centres that can be, m."""
 USUAL_PACE = 30.0  # s a ball
+STANDS_STILL = 12, 600.0  # so many readings, in so many s, of one temperature: a thermometer shows more
 LONG_GAP = 3000.0, 20.0  # longer within a session, s and paces, is no part of measuring: nearly an hour
-_TIMES = {'µs': 1e-6, 'ms': 1e-3, 'minutes': 60.0, 'hours': 3600.0, 'days': 86400.0, 'ns': 1e-9}
+_TIMES = {'µs': 1e-6, 'ms': 1e-3, '1/100 s': 1e-2, '1/10 s': 0.1, 'minutes': 60.0, 'hours': 3600.0,
+          'days': 86400.0, 'ns': 1e-9}
 _LENGTHS = {'m': 1e3, 'inch': 25.4, 'cm': 10.0, 'µm': 1e-3}
 RADIUS = 2e-3  # a radius is wrong that differs by more than this share from the circle of the ball centres
 
@@ -124,13 +126,22 @@ def remark_on_temperature(temperature: Floats) -> Remark | None:
 def known_temperatures(run: Run) -> Floats:
     """Return the temperatures that were measured, °C, of all that states or uses one; none where they cannot be."""
     known = run.temperature[np.isfinite(run.temperature)]
-    return known[:0] if remark_on_temperature(known) else known
+    return known[:0] if remark_on_temperature(known) or _same_temperature(run) else known
+
+
+def _same_temperature(run: Run) -> Remark | None:
+    """Return that a thermometer stands still, None where it does not: nothing follows of a change in the run then."""
+    known, (readings, seconds) = run.temperature[np.isfinite(run.temperature)], STANDS_STILL
+    if known.size < readings or np.ptp(known) or np.ptp(run.time) < seconds or remark_on_temperature(known):
+        return None
+    return remark(RemarkKind.SAME_TEMPERATURE, temperature=float(known[0]), readings=known.size,
+                  seconds=float(np.ptp(run.time)))
 
 
 def remarks_on_run(run: Run) -> tuple[Remark, ...]:
     """Return what is wrong with the readings of a table or a log: radius, temperature, gaps."""
-    return tuple(filter(None, (remark_on_radius(run.radius), remark_on_temperature(run.temperature), _gaps(run),
-                               _other_radius(run))))
+    return tuple(filter(None, (remark_on_radius(run.radius), remark_on_temperature(run.temperature),
+                               _same_temperature(run), _gaps(run), _other_radius(run))))
 
 
 def _gaps(run: Run) -> Remark | None:

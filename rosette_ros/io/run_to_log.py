@@ -27,15 +27,16 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary | StoredType
 
     library: knows rosette_msgs; said: how the readings were read and what is doubtful in them, in words. Each reading
     becomes a ProbeTarget and a BallCentre in the table frame; the rotation of that, where it is known, goes to
-    /tf_static, the repeatability, and what is said, to custom_data. Times are kept to 1 ns, from 0 on.
+    /tf_static, the repeatability, and what is said, to custom_data. Times are kept to 1 ns, from 0 on, or from
+    the date on that a table says.
 
     Raises InvalidData where the directory holds a log, or the run is longer than stamps can hold, CellError where
     the disk refuses; nothing is left then."""
     directory = Path(directory)
-    if run.time[-1] - run.time[0] >= MAX_SECONDS:
+    if (run.begun or 0.0) + run.time[-1] - run.time[0] >= MAX_SECONDS:
         raise InvalidData(f'{run.source}: time: wanted a run of less than {MAX_SECONDS} s, got '
                           f'{run.time[-1] - run.time[0]:g} s; a ROS stamp cannot hold more')
-    stamp = np.rint((run.time - run.time[0]) * 1e9).astype(np.int64)
+    stamp = round((run.begun or 0.0) * 1e9) + np.rint((run.time - run.time[0]) * 1e9).astype(np.int64)
     targets, answers = zip(*_messages(run, run.run_id or directory.name, stamp), strict=True)
     messages = {}
     with whole_log(directory, directory.name, custom_data=_known(run, said)) as writer:

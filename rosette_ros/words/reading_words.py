@@ -151,6 +151,10 @@ _SAYS: Mapping[str, Callable[..., tuple[str, str]]] = {
     RemarkKind.NO_TEMPERATURE: lambda zeros, readings: (
         f'the temperature is 0 °C in {zeros} of {readings} readings',
         'was it measured? Leave it empty (in messages NaN) where it was not'),
+    RemarkKind.SAME_TEMPERATURE: lambda temperature, readings, seconds: (
+        f'the temperature is {temperature:.6g} °C in all {readings} readings of {seconds / 60:.0f} min',
+        'was it measured? It is taken as not known; leave it empty where it was typed in or the thermometer stood still'
+        ),
     RemarkKind.GAPS: _gaps,
     RemarkKind.OTHER_RADIUS: lambda lies, stated: (
         f'the ball centres lie on a circle of R = {1e3 * lies:.3f} mm, not of {1e3 * stated:.6g} mm as stated',

@@ -320,6 +320,19 @@ def test_a_day_of_issue_comes_after_the_measurement():
     with pytest.raises(InvalidData, match='certificate.date: wanted a day of issue after the measurement, which ended '
                                           '2026-04-13, got 2026-04-11; correct it in the identity file'):
         dated('2026-04-11')
+    undated = FULL.replace(', date: 2026-11-30', '') + 'measured: {begin: 2036-11-26, end: 2036-11-26}\n'
+    with pytest.raises(InvalidData, match='measured.end: wanted a day of measuring before that of issue, 2026-11-30'):
+        state(made('clean')[0], Inputs(parse_identity(undated.encode()), '2026-11-30'))
+
+
+def test_a_wrong_clock_of_the_recorder_is_overruled_by_stated_days():
+    """Days of a log after the day of issue; without a statement the certificate says what to do."""
+    undated = FULL.replace(', date: 2026-11-30', '')
+    days = 'measured: {begin: 2020-01-01, end: 2020-01-02}\n'
+    stated = Inputs(parse_identity((undated + days).encode()), '2020-02-01')
+    assert state(made('simulated')[0], stated).days == ('2020-01-01', '2020-01-02')
+    with pytest.raises(InvalidData, match='was the clock of the recorder wrong. State measured.begin and measured.end'):
+        state(made('simulated')[0], Inputs(parse_identity(undated.encode()), '2020-02-01'))
 
 
 @pytest.mark.parametrize(('version', 'wanted'), [

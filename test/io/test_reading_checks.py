@@ -13,13 +13,13 @@ from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.core.diagnosis.diagnosis import diagnose
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.run.records import resolution_of
+from rosette_ros.core.run.records import resolution_of, steps_of
 from rosette_ros.core.run.remarks import RemarkKind, remark
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
 from rosette_ros.io.open_run import open_run
-from rosette_ros.io.reading_checks import check_answers, remarks_on_run
+from rosette_ros.io.reading_checks import check_answers, known_temperatures, remarks_on_run
 from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.simulation import Machine, MachineConfig
@@ -167,6 +167,29 @@ def test_the_step_is_found_from_the_digits(step):
     values = np.random.default_rng(1).uniform(-1, 1, 60)
     assert resolution_of(np.rint(values / step) * step) == step
     assert resolution_of(values) == 0
+
+
+@pytest.mark.parametrize('digits', [3, 4, 5])
+def test_the_step_of_few_significant_digits_differs_with_the_size(digits):
+    """A unit of the last digit of each number; the largest one is what readings are said to be rounded to."""
+    sizes = np.array([182.526253, 0.0313795, -91.2345678, 7.7318, -0.000119380875, 0.30452655, 0.0])
+    written = np.array([float(f'{one:.{digits - 1}e}') for one in sizes]) / 1e3
+    tenths = np.array([2, -2, 1, 0, -4, -1])
+    np.testing.assert_allclose(steps_of(written)[:6], 10.0**(tenths + 1 - digits) / 1e3, rtol=1e-12)
+    assert steps_of(written)[6] == 0 and resolution_of(written) == pytest.approx(10.0**(-digits))
+    assert not steps_of(sizes / 3e3).any()
+
+
+def test_a_thermometer_that_stands_still_tells_no_temperature():
+    """In 12 readings of more than 10 minutes; short runs and coarse steps of one that moves are nothing."""
+    run = Machine(MachineConfig().changed(seed=2, plate={'balls': N})).run(plan(N, 'diagonal'))
+    still = run.replace(temperature=np.full(run.size, 19.973))
+    [words] = [remark_words(one) for one in remarks_on_run(still)]
+    assert words.startswith('the temperature is 19.973 °C in all 36 readings of ') and 'was it measured?' in words
+    assert not known_temperatures(still).size
+    for temperature, time in ((np.round(run.temperature, 2), run.time), (still.temperature, run.time / 10)):
+        other = run.replace(temperature=temperature, time=time)
+        assert not remarks_on_run(other) and known_temperatures(other).size == run.size
 
 
 def test_rounding_below_the_repeatability_is_no_mistake():

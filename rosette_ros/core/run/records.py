@@ -27,6 +27,8 @@ STEPS = tuple(digit * 10.0**power for power in range(-4, -10, -1) for digit in (
 """Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.2 mm ... 0.2 nm."""
 FEWEST_DIGITS = 6
 """So many coordinates that are whole numbers of steps are no chance."""
+MOST_DIGITS = 8
+"""Coordinates of more significant digits are not rounded."""
 UNLIKELY = 0.01
 """Probability below which something is no chance, and a stated repeatability not believed: the readings scatter more
 than stated, and they, not the repeatability, state the uncertainties.
@@ -74,7 +76,7 @@ class Run:
     whether no real CMM measured it; rotation: (3, 3) of the table frame in the machine frame, its columns are the axes
     of the table, None where it is not known; table_offset: table angle of table position 1, rad. From there table_angle
     counts, and there ball 1 is on the x axis of centre and rotation: a run between the steps of the table looks like
-    any other one.
+    any other one. begun: when the first reading of a table was made, s since the epoch, None where it does not say it.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the
@@ -108,6 +110,7 @@ class Run:
     rotation: Floats | None = None
     repeatability_axes: tuple[float, float, float] | None = None
     table_offset: float = 0.0
+    begun: float | None = None
 
     def __post_init__(self) -> None:
         _freeze(self, _INTEGERS[:2], np.int64)
@@ -371,12 +374,35 @@ class ErrorMotions:
 def resolution_of(coordinates: ArrayLike) -> float:
     """Return the step of which all coordinates, m, are whole numbers, found from their digits; 0 where there is none.
 
-    Zeros, which every step divides, are left out.
+    Where they have the same few significant digits instead, their steps differ; then it is the largest, see steps_of.
     """
-    values = np.ravel(np.asarray(coordinates, dtype=float))
-    values = values[values != 0]
-    if np.unique(values).size < FEWEST_DIGITS:
-        return 0.0
+    return float(np.max(steps_of(coordinates), initial=0.0))
+
+
+def steps_of(coordinates: ArrayLike) -> Floats:
+    """Return the step to which each coordinate, m, is rounded, as an array of their shape, 0 where it is not.
+
+    It is the same for all, or a unit of the last of the same few significant digits, which the size of a number
+    decides. Zeros, which every step divides, tell nothing.
+    """
+    every = np.asarray(coordinates, dtype=float)
+    sizes = np.abs(every[every != 0])
+    steps = np.zeros(every.shape)
+    if np.unique(sizes).size < FEWEST_DIGITS:
+        return steps
+    if step := _common_step(sizes):
+        steps[...] = step
+        return steps
+    units = 10.0**np.floor(np.log10(sizes) + 1e-12)
+    for digits in range(1, MOST_DIGITS + 1):
+        last = units * 10.0**(1 - digits)
+        if np.all(np.abs(sizes / last - np.rint(sizes / last)) < 1e-6):
+            steps[every != 0] = last
+            break
+    return steps
+
+
+def _common_step(values: Floats) -> float:
     return next((step for step in STEPS if np.all(np.abs(values / step - np.rint(values / step)) < 1e-4)), 0.0)
 
 
@@ -397,4 +423,4 @@ def remove_gauge(values: ArrayLike, angle: Floats | None = None) -> Floats:
     return out
 
 
-__all__ = ['CURVES', 'Bools', 'ErrorMotions', 'Floats', 'Ints', 'Run', 'remove_gauge', 'resolution_of']
+__all__ = ['CURVES', 'Bools', 'ErrorMotions', 'Floats', 'Ints', 'Run', 'remove_gauge', 'resolution_of', 'steps_of']

@@ -28,6 +28,7 @@ class RemarkKind(StrEnum):
     UNIT_OF_COORDINATES = 'unit of radius and coordinates in doubt'
     UNIT_OF_TEMPERATURE = 'unit of the temperature in doubt'
     NO_TEMPERATURE = 'temperature not measured'
+    SAME_TEMPERATURE = 'thermometer stands still'
     GAPS = 'much time between readings'
     OTHER_RADIUS = 'radius is not that of the circle'
     # of a single answer

@@ -68,7 +68,10 @@ class Source:
 def open_source(path: Path | str, run_id: str | None = None, file: Path | str | None = None) -> tuple[Run, Source]:
     """Return the Run and the Source of a log or a table; file: an identity file; raises InvalidData as `open_run`."""
     if not is_log(path):
-        return open_run(path, run_id), Source(str(path), (digest(path),), identity=stated(Identity(), file)[0])
+        run = open_run(path, run_id)
+        days = [] if run.begun is None else [run.begun, run.begun + float(np.ptp(run.time))]
+        begun, ended = (instant(round(1e9 * one)) for one in days) if days else ('', '')
+        return run, Source(str(path), (digest(path),), begun, ended=ended, identity=stated(Identity(), file)[0])
     log = read_log(path)
     run = log.to_run(run_id)
     return run, source_of(path, log, run, file)
