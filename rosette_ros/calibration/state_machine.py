@@ -204,6 +204,12 @@ class Sequence:
             return remark, PublishState()
         return remark, PublishState(), self._ask(self._asked, now)
 
+    def begin_session(self) -> Commands:
+        """Take note that another CMM measures from now on: a pause lies between."""
+        self.session, self._left_by = self.session + 1, 0
+        self._pace.clear()
+        return (Warn(f'the CMM was restarted; the run continues in session {self.session}'),)
+
     def evaluated(self, results: Results) -> Commands:
         """Take the results of these readings that the evaluator has published: the log has to hold them.
 

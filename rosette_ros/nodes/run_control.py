@@ -165,14 +165,29 @@ class RunControl:
             if not (job.opening or job.is_over):
                 self._check_nodes(job, now)
             if not self._cell.is_late(names.CMM):  # else it may not have been there to be asked
-                more = self._next_block.tick(job.sequence, now)
-                if more and not job.is_over:  # the CMM, which was not needed, may be another one by now
-                    self._check_nodes(job, now)
-                self._do(job, more)
+                if self._knows_cmm(job, now):
+                    self._do(job, self._next_block.tick(job.sequence, now))
                 self._do(job, job.sequence.tick(now))
             if job.sequence.left is not None:
                 words = f'run {job.run_id}: {job.progress}: {job.sequence.describe()}'
                 self._node.get_logger().info(words, throttle_duration_sec=TELL, skip_first=True)
+
+    def _knows_cmm(self, job: Job, now: float) -> bool:
+        """Return whether what follows an evaluation may be asked: of another CMM than before, in a new session.
+
+        None is needed meanwhile. Of one that is gone it is asked in vain, as at any other moment."""
+        sequence, cell = job.sequence, self._cell
+        if not sequence.is_settling or sequence.phase is not Phase.EVALUATION or names.CMM not in job.processes:
+            return True
+        trouble = cell.trouble({names.CMM: job.processes[names.CMM]}, job.ignored)
+        if trouble.gone or not trouble.restarted:
+            return True
+        cell.update(now, self._is_recorder_required)
+        if not (cell.is_settled(now) and self._node.has_single_publishers):
+            return False
+        job.processes[names.CMM] = cell.processes()[names.CMM]
+        self._do(job, sequence.begin_session())
+        return True
 
     def _check_nodes(self, job: Job, now: float) -> None:
         """Hold a run while a node that it needs is disconnected; continue when that one is back."""
