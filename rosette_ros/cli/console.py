@@ -7,14 +7,18 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import rich.table
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 
+from rosette_ros.core.diagnosis.verdict import VerdictText
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.records import Run
+from rosette_ros.core.table.correction_check import CorrectionCheck
+from rosette_ros.io.reading_checks import Check
 from rosette_ros.presentation.formatting import (
     glued,
     model_words,
@@ -25,13 +29,7 @@ from rosette_ros.presentation.formatting import (
 )
 from rosette_ros.presentation.table_format import Column, Table, words
 from rosette_ros.words.reading_words import notes_of, remark_words
-
-if TYPE_CHECKING:  # plan and info start without the least squares
-    from rosette_ros.core.diagnosis.verdict import VerdictText
-    from rosette_ros.core.model.least_squares import Fit
-    from rosette_ros.core.table.correction_check import CorrectionCheck
-    from rosette_ros.io.reading_checks import Check
-    from rosette_ros.words.result_words import ConclusionText
+from rosette_ros.words.result_words import ConclusionText
 
 WIDTH = 100
 """Widest output, columns; what is no terminal gets this width."""
@@ -142,7 +140,7 @@ def warn(run: Run) -> None:
         print(f'rosette: {remark_words(remark)}', file=sys.stderr)
 
 
-def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
+def fit_rows(fit: Fit) -> list[tuple[str, str]]:
     """Return what was fitted, how well it fits and what cannot be measured, as rows of `pairs`."""
     unused = [f'; deviations of {what} {", ".join(map(str, places))}: not measured' for what, used in (
         ('balls', fit.run.ball), ('the CMM at positions', fit.run.cmm_position))
@@ -152,7 +150,7 @@ def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
             ('Removed', f'cannot be measured by this method: {"; ".join(fit.gauge)}{"".join(unused)}')]
 
 
-def print_verdict(out: Console, verdict: 'VerdictText | ConclusionText | CorrectionCheck') -> None:
+def print_verdict(out: Console, verdict: VerdictText | ConclusionText | CorrectionCheck) -> None:
     """Print a verdict as it stands: its sentence, and what to do."""
     say(out, verdict.sentence, COLOURS[verdict.level])
     say(out, verdict.action)

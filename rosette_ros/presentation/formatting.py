@@ -6,10 +6,11 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rosette_ros.core.model.least_squares import Fit, Parameter
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.number_words import UNKNOWN, Scale, micrometres, multiple, p_words, significant
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Run
@@ -26,10 +27,6 @@ from rosette_ros.words.effect_words import (
     setting_words,
     title_of,
 )
-
-if TYPE_CHECKING:  # plan and info start without the least squares
-    from rosette_ros.core.model.least_squares import Fit, Parameter
-    from rosette_ros.core.model.model import Model
 
 P_VALUE, CROSS_VALIDATION, SENSITIVITY, LIMIT = (
     'p-value', 'cross-validation residual', 'sensitivity', 'detection limit')
@@ -201,7 +198,7 @@ def joined(parameters: 'Sequence[Parameter]') -> 'list[Parameter]':
             for group in groups.values() for first in group[:1]]
 
 
-def shown_parameter(parameter: 'Parameter') -> tuple[str, str, str]:
+def shown_parameter(parameter: Parameter) -> tuple[str, str, str]:
     """Return value, expanded uncertainty and unit of a parameter."""
     scale = scale_of(parameter.unit, parameter.name)
     spread = COVERAGE_FACTOR * scale.factor * parameter.u
@@ -278,7 +275,7 @@ def clamping_words(shift: Floats, turn: Floats, u: Floats | None = None) -> str:
     return ', '.join(parts)
 
 
-def model_words(model: 'Model') -> str:
+def model_words(model: Model) -> str:
     """Return a model as a sum of titles, fixed settings with their units, custom terms with their formula."""
     fixed_ones = [setting_words(term.name, term.fixed) if term.name in MEANINGS else term.effect.formula
                   for term in model.terms]
@@ -309,7 +306,7 @@ def repeatability_words(repeatability: float | None, dof: float | None, axes: Se
     return f'{micro(repeatability, 4)} µm per coordinate{freedom}{f" ({by_axis} µm)" * bool(by_axis)}'
 
 
-def residual_words(fit: 'Fit') -> str:
+def residual_words(fit: Fit) -> str:
     """Return the size of the residual, and what it is of the repeatability."""
     text, known = f'{micrometres(fit.rms)} rms per coordinate', fit.run.repeatability
     if known is None or fit.lack_of_fit_p is None:
@@ -319,7 +316,7 @@ def residual_words(fit: 'Fit') -> str:
             f'{p_words(fit.lack_of_fit_p)}')
 
 
-def uncertainty_words(fit: 'Fit') -> str:
+def uncertainty_words(fit: Fit) -> str:
     """Return what the uncertainties are worked out from, by axis where these repeat unequally."""
     axes = fit.noise.axes
     size = f'{micrometres(fit.sigma)} per coordinate of a ball centre'

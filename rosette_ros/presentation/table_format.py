@@ -7,14 +7,12 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rosette_ros.core.diagnosis.verdict import VerdictText
+from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.presentation.formatting import signed
 from rosette_ros.words.effect_words import MICRO_DECIMALS, fixed
-
-if TYPE_CHECKING:  # plan and info start without the least squares
-    from rosette_ros.core.diagnosis.verdict import VerdictText
-    from rosette_ros.core.model.least_squares import Parameter
 
 
 @dataclass(frozen=True)
@@ -195,7 +193,7 @@ def _cell(value: Any) -> Any:
     return repr(value + 0.0) if isinstance(value, float) else value
 
 
-def verdict_json(verdict: 'VerdictText | None') -> dict[str, Any]:
+def verdict_json(verdict: VerdictText | None) -> dict[str, Any]:
     """Return the verdict of a run, the same keys in every object that has one; all null where none was asked for."""
     if verdict is None:
         return dict.fromkeys(('outcome', 'level', 'verdict', 'action'))

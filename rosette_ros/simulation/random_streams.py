@@ -6,8 +6,8 @@ the d-th number of a stream is a mixed counter, hence no state and no order of c
 """
 
 import numpy as np
+import scipy  # which loads its parts where they are used
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
 
 from rosette_ros.core.run.records import Floats
 
@@ -24,7 +24,7 @@ def standard_normal(seed: int, reading: ArrayLike, draws: int) -> Floats:
     bits = _mixed(key[:, None] + count * _GAMMA)
     # 53 bits, shifted by half a step: never 0 or 1, where the normal quantile is infinite.
     uniform = ((bits >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53
-    return ndtri(uniform)
+    return scipy.special.ndtri(uniform)
 
 
 def part_generator(seed: int, part: str) -> np.random.Generator:

@@ -4,7 +4,6 @@
 import re
 from collections.abc import Iterable, Sequence
 from math import isnan
-from typing import TYPE_CHECKING
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
@@ -12,6 +11,8 @@ from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict, Verdi
 from rosette_ros.core.diagnosis.wrong_readings import WRONG, WrongReading
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
+from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.core.model.noise import Group
 from rosette_ros.core.run.number_words import SCALES, micrometres, multiple, p_words
 from rosette_ros.core.run.records import SI_UNITS
 from rosette_ros.core.run.remarks import RemarkKind
@@ -28,10 +29,6 @@ from rosette_ros.words.effect_words import (
     title_of,
 )
 from rosette_ros.words.reading_words import remark_words
-
-if TYPE_CHECKING:  # plan and info start without the least squares
-    from rosette_ros.core.model.least_squares import Parameter
-    from rosette_ros.core.model.noise import Group
 
 HEADLINES = {
     Outcome.UNIT: 'NOT JUDGED, THE UNIT OF THE READINGS IS IN DOUBT',
@@ -422,7 +419,7 @@ def noise_actions(noise: NoiseFacts) -> list[str]:
     return out
 
 
-def _group(one: 'Group') -> str:
+def _group(one: Group) -> str:
     return f'part {one.number} of {one.groups} of the run' if one.by == 'time' else f'{one.by} {one.number}'
 
 

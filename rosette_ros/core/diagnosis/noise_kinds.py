@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
-from scipy.special import digamma, gammaln
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.log_evidence import NEAR, log_mean
 from rosette_ros.core.model.base_space import BaseSpace
@@ -215,7 +214,7 @@ class NoiseKinds:
         residual, share, square, _ = self.beside.white.fitted
         group, dof = self.groups[name], self.beside.dof
         free, energy = (np.bincount(group, one) for one in (np.maximum(1 - share, 0), residual**2 * dof / square))
-        values = []
+        values, gammaln = [], scipy.special.gammaln
         for nu in degrees_of(name):
             shape, rate, known = self._prior(name, nu)
             a = shape + free / 2
@@ -256,7 +255,7 @@ class NoiseKinds:
         """Return shapes and rates (..., groups) of the gamma distributions of weights, and log evidence of the check.
 
         What a repeatability by axis says of the axes is known before the run."""
-        dof, square = check_of(self.run)
+        (dof, square), gammaln = check_of(self.run), scipy.special.gammaln
         if name not in ('z', 'axis'):
             dof, square = 0.0, np.ones(int(self.groups[name].max()) + 1)
         seen = dof * np.array([2.0, 1.0] if name == 'z' else [1.0] * len(square))
@@ -297,6 +296,7 @@ class NoiseKinds:
         """Return weights of groups by variational Bayes; state: where to begin."""
         shapes: list[Floats] = [np.zeros(0)] * len(names)
         weights, left, before = list(state.weights), state.left, -np.inf
+        digamma, gammaln = scipy.special.digamma, scipy.special.gammaln
         for _ in range(STEPS):
             residual, share, square, _ = left.fitted
             error = np.maximum(residual**2, self._rounding) * self.beside.dof / square + share
@@ -321,7 +321,7 @@ class NoiseKinds:
 
     def _gap(self, names: Sequence[str], degrees: Sequence[float], state: '_Weights') -> float:
         """Return by how much the log evidence is above its bound, by weights drawn from what was found."""
-        rng = np.random.default_rng(0)
+        rng, gammaln = np.random.default_rng(0), scipy.special.gammaln
         total, odds = np.ones((SAMPLES, 3 * self.run.size)), np.zeros(SAMPLES)
         drawn = list(zip(*[[rng.gamma(a) for a in state.shapes] for _ in range(SAMPLES)]))
         for name, nu, weights, a, some in zip(names, degrees, state.weights, state.shapes, map(np.array, drawn)):

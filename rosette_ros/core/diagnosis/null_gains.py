@@ -2,7 +2,7 @@
 """What noise alone does: what the best hypothesis is worth in it, and how far single readings are off in its tail."""
 
 import numpy as np
-from scipy.special import fdtrc, gammaln
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by
 from rosette_ros.core.diagnosis.noise_kinds import DEGREES, EXACT, NOT_WHITE
@@ -76,11 +76,11 @@ def _p_of_student(own: float, square: Floats, dim: int) -> float:
     for _ in range(EM_STEPS):
         scale = np.mean((degrees[:, None] + dim) / (degrees[:, None] + square / scale[:, None]) * square, axis=1) / dim
         scale = np.maximum(scale, 1e-300)
-    half = degrees / 2
+    half, gammaln = degrees / 2, scipy.special.gammaln
     log_p = square.size * (gammaln(half + dim / 2) - gammaln(half) - dim / 2 * np.log(degrees * scale)) - np.sum(
         (half[:, None] + dim / 2) * np.log1p(square / (degrees * scale)[:, None]), axis=1) + np.log(prior)
     weight = np.exp(log_p - log_p.max())
-    one = fdtrc(dim, degrees, own / (dim * scale))
+    one = scipy.special.fdtrc(dim, degrees, own / (dim * scale))
     return float(weight / weight.sum() @ -np.expm1((square.size + 1) * np.log1p(-np.minimum(one, 1 - 1e-12))))
 
 

@@ -22,8 +22,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import SEATS, Sharing

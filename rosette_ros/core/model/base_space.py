@@ -21,10 +21,8 @@ from functools import cached_property, lru_cache, reduce
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
+import scipy  # which loads its parts where they are used
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from rosette_ros.core.model.base_entries import PARTS, ROUNDING, TERM, entries, pairs, unmeasurable
 from rosette_ros.core.model.model import BASE_TERMS
@@ -71,10 +69,10 @@ class Factor:
         held += normal
         held[np.diag_indices(len(held))] += scale * ~used
         size = scipy.linalg.norm(held, 1, check_finite=False)
-        self._root, failed = lapack.dpotrf(held, lower=1, overwrite_a=1)
+        self._root, failed = scipy.linalg.lapack.dpotrf(held, lower=1, overwrite_a=1)
         self.wanted = self.rank = int(used.sum() - fixed.shape[1])
         self.is_open = np.zeros(len(used), dtype=bool)
-        if failed or lapack.dpocon(self._root, size, uplo='L')[0] < DOUBTFUL:
+        if failed or scipy.linalg.lapack.dpocon(self._root, size, uplo='L')[0] < DOUBTFUL:
             value, vector = np.linalg.eigh(normal)
             self.rank = int(np.count_nonzero(value > ROUNDING * max(value[-1], 1.0)))
             null = vector[:, :len(value) - self.rank]
@@ -102,12 +100,12 @@ class Factor:
 
     def inverse(self) -> Floats:
         """Return the lower triangle of the inverse of the normal equations, (q, q)."""
-        return np.asarray(lapack.dpotri(self._root, lower=1)[0])
+        return np.asarray(scipy.linalg.lapack.dpotri(self._root, lower=1)[0])
 
     @cached_property
     def mix(self) -> NDArray[np.float32]:
         """What `halved` multiplies the transposed right sides by, (q, q)."""
-        return np.ascontiguousarray(lapack.dtrtri(self._root, lower=1)[0].T, dtype=np.float32)
+        return np.ascontiguousarray(scipy.linalg.lapack.dtrtri(self._root, lower=1)[0].T, dtype=np.float32)
 
     def seen(self, rows: Floats) -> Floats:
         """Return combinations (k, q) of the unknowns in the gauge as such of the unknowns: times 1 - V S."""
@@ -349,10 +347,10 @@ class BaseSpace:
             moved, log_det = flat * weight.ravel(), 0.0
             right, products = places.adjoint @ moved.T, moved @ flat.T
             for part, hold, normal in zip(places.parts, held, places.weighed(weight)):
-                root, failed = lapack.dpotrf(normal + hold, lower=1, overwrite_a=1)
+                root, failed = scipy.linalg.lapack.dpotrf(normal + hold, lower=1, overwrite_a=1)
                 if failed:
                     raise NotDeterminable('the readings that count under these weights do not determine the base model')
-                half = lapack.dtrtrs(root, right[part], lower=1)[0]
+                half = scipy.linalg.lapack.dtrtrs(root, right[part], lower=1)[0]
                 products -= half.T @ half
                 log_det += 2 * float(np.sum(np.log(root.diagonal())))
             yield products, log_det

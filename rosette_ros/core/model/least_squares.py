@@ -13,8 +13,8 @@ from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy  # which loads its parts where they are used
 from numpy.typing import NDArray
-from scipy import special
 
 from rosette_ros.core.effects.effect import Searched, Setting
 from rosette_ros.core.effects.free import FREE
@@ -117,8 +117,8 @@ class Fit:
         chi, known_dof = self.reduced_chi_square, self.run.repeatability_dof
         if chi is None:
             return 1.0
-        return float(special.chdtr(self.dof, chi * self.dof) if known_dof is None
-                     else special.fdtr(self.dof, known_dof, chi))
+        return float(scipy.special.chdtr(self.dof, chi * self.dof) if known_dof is None
+                     else scipy.special.fdtr(self.dof, known_dof, chi))
 
     @property
     def weighted_sigma(self) -> float:
@@ -418,8 +418,8 @@ def _noise(run: Run, rss: float, dof: int, noise: Noise) -> tuple[float, str, fl
     chi = (rms / known)**2
     # the check was made at one place, which may be the quietest one; heavy tails make its variance uncertain
     least, of_tail = chi * noise.quietest**2, max(1 - 3 / max(noise.tail_dof - 1, 1.0), FEWEST)
-    p = float(special.chdtrc(dof * of_tail, least * dof * of_tail) if known_dof is None
-              else special.fdtrc(dof * of_tail, known_dof * of_tail, least))
+    p = float(scipy.special.chdtrc(dof * of_tail, least * dof * of_tail) if known_dof is None
+              else scipy.special.fdtrc(dof * of_tail, known_dof * of_tail, least))
     if p < UNLIKELY:
         return rms, 'residuals (larger than the repeatability)', chi, p
     if noise.by or noise.tail:

@@ -17,10 +17,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
+import scipy  # which loads its parts where they are used
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from rosette_ros.core.run.records import Floats, Ints, Run
 
@@ -338,6 +336,6 @@ def _banded(band: Floats, rows: Floats, transposed: bytes) -> Floats:
     Single precision stays, and takes half the time."""
     if not rows.size:  # which LAPACK does not survive
         return rows
-    solve = lapack.stbtrs if rows.dtype == np.float32 else lapack.dtbtrs
+    solve = scipy.linalg.lapack.stbtrs if rows.dtype == np.float32 else scipy.linalg.lapack.dtbtrs
     out: Floats = solve(band.astype(rows.dtype), rows, uplo=b'L', trans=transposed, overwrite_b=True)[0]
     return out

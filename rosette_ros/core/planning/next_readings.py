@@ -33,7 +33,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.limits import HEARD
@@ -201,11 +201,11 @@ def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace, 
 def _needed(contenders: Sequence[Explanation], likely: Sequence[frozenset[str]], until: float) -> Floats:
     """Return the log odds that each of some explanations, by their names, would still need against each other one if it
     were true, (m, m), nan where they differ in no name that is in doubt."""
-    wanted, need = special.logit(until), np.full((len(likely),) * 2, np.nan)
+    wanted, need = scipy.special.logit(until), np.full((len(likely),) * 2, np.nan)
     for name, p in in_names(contenders).items():
         if 1 - until < p < until:
             has = np.array([name in one for one in likely])
-            lacks = wanted - np.where(has, 1, -1) * special.logit(p)
+            lacks = wanted - np.where(has, 1, -1) * scipy.special.logit(p)
             need = np.fmax(need, np.where(has[:, None] != has, lacks[:, None], np.nan))
     return need
 

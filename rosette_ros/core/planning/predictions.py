@@ -37,7 +37,7 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
-from scipy import special
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.log_evidence import SIZES
 from rosette_ros.core.diagnosis.posterior import Posterior
@@ -117,7 +117,7 @@ def share_of_need(square: Floats, twice: Floats, need: Floats) -> Floats:
     growth = np.maximum(square / 2, TINY)
     lacking, sd = need - growth, np.sqrt(2 * growth)
     z = lacking / sd
-    left = lacking * special.ndtr(z) + sd * np.exp(-z**2 / 2) / np.sqrt(2 * np.pi)
+    left = lacking * scipy.special.ndtr(z) + sd * np.exp(-z**2 / 2) / np.sqrt(2 * np.pi)
     power = np.log2(np.maximum(twice / (2 * growth), 1 + TINY))
     return np.asarray((1 + left / growth)**(-1 / power))
 
@@ -127,7 +127,8 @@ def expected_share(share: float, square: float) -> float:
 
     share: its now. The log odds of normal predictions change by d^2 / 2 +- d."""
     z, weight = np.polynomial.hermite_e.hermegauss(NODES)
-    return float(special.expit(special.logit(share) + square / 2 + np.sqrt(square) * z) @ weight / weight.sum())
+    odds = scipy.special.logit(share) + square / 2 + np.sqrt(square) * z
+    return float(scipy.special.expit(odds) @ weight / weight.sum())
 
 
 def members_of(posterior: Posterior, names: tuple[str, ...]) -> list[Member]:

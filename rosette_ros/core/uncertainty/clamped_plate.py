@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.model.base_space import BaseParameters, BaseSpace
 from rosette_ros.core.model.least_squares import Fit

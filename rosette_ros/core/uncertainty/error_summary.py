@@ -6,18 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.geometry import Floats, same_angles
 from rosette_ros.core.run.records import CURVES, ErrorMotions
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.mixture import Mixture
 from rosette_ros.core.uncertainty.stated_environment import Unseen
-
-if TYPE_CHECKING:  # what only shows results starts without the least squares
-    from rosette_ros.core.model.least_squares import Fit
 
 DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where range + U is at most the tolerance, '
                  'does not conform where range − U is more; otherwise neither conformity nor non-conformity can be '
@@ -151,11 +149,11 @@ def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances
     return tuple(lines)
 
 
-def fit_lines(fit: 'Fit', tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
+def fit_lines(fit: Fit, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
     """Return the AxisErrors of a Fit, over its explanations; tolerances, doubt: as of error_lines."""
     high, low = extremes(fit.error_motions)
 
-    def u_of(one: 'Fit') -> Floats:
+    def u_of(one: Fit) -> Floats:
         return one.weighted_sigma * np.sqrt(one.joint.difference_cofactor(high, low))
 
     if len(fit.explanations) < 2:

@@ -20,7 +20,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
@@ -210,8 +210,9 @@ def _posterior(rows: Floats, left: Floats, moved: Floats) -> tuple[Floats, Float
     is_tall, wanted = len(rows) > rows.shape[1], np.column_stack([rows @ left, moved])
     square = rows.T @ rows if is_tall else rows @ rows.T
     rounding = len(square) * np.finfo(float).eps * float(np.diag(square).max(initial=0.0))
-    factor = cho_factor((1 + rounding) * np.eye(len(square)) + square)
-    solved = wanted - rows @ cho_solve(factor, rows.T @ wanted) if is_tall else cho_solve(factor, wanted)
+    factor = scipy.linalg.cho_factor((1 + rounding) * np.eye(len(square)) + square)
+    solved = scipy.linalg.cho_solve(factor, rows.T @ wanted if is_tall else wanted)
+    solved = wanted - rows @ solved if is_tall else solved
     return solved[:, 0], solved[:, 1:]
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy  # which loads its parts where they are used
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
-from scipy.special import ndtri
 
 from rosette_ros.core.diagnosis.recovered_shape import Shape, strongest
 from rosette_ros.core.model.least_squares import Fit
@@ -207,7 +207,7 @@ def noise(fit: Fit) -> Figure:
 
 def _quantiles(panel: Axes, left: Floats) -> None:
     """Draw sorted residuals of each axis against those of normal noise, which lie on the line."""
-    wanted = ndtri((np.arange(len(left)) + 0.5) / len(left))
+    wanted = scipy.special.ndtri((np.arange(len(left)) + 0.5) / len(left))
     for axis, name in enumerate(AXES):
         panel.plot(wanted, np.sort(left[:, axis]), linestyle='none', markersize=3, label=name, **style.look_of(axis))
     panel.plot(wanted[[0, -1]], wanted[[0, -1]], color=style.INK, linewidth=1, label='normal noise')

@@ -13,8 +13,8 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
+import scipy  # which loads its parts where they are used
 from matplotlib.figure import Figure
-from scipy import special
 
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.model.least_squares import Fit
@@ -138,7 +138,7 @@ class Verification:
         free = 1 - 10 / self.mean.size
         chi = free * float(np.nansum((self.differences / self.u)**2))
         dof = free * float(np.sum(self.counts - 1)) * len(self.angle)
-        return float(special.chdtrc(dof, chi))
+        return float(scipy.special.chdtrc(dof, chi))
 
     @property
     def agrees(self) -> bool:
