@@ -151,3 +151,16 @@ def test_changelog_begins_with_this_version():
     """In the style of ROS: version (date), underlined."""
     text = text_of(ROOT / 'CHANGELOG.rst')
     assert re.search(rf'^{re.escape(__version__)} \(\d{{4}}-\d\d-\d\d\)\n-{{18}}$', text, re.MULTILINE)
+
+
+def test_constants_of_the_diagnosis_are_explained():
+    """Each in the table of its page, in the row of its file; none that is gone."""
+    named = set()
+    for path in (ROOT / 'rosette_ros' / 'core' / 'diagnosis').glob('*.py'):
+        for node in ast.parse(text_of(path)).body:
+            targets = node.targets if isinstance(node, ast.Assign) else []
+            named |= {(path.name, name.id) for target in targets for name in ast.walk(target)
+                      if isinstance(name, ast.Name) and name.id.isupper()}
+    rows = re.findall(r'^\| `(\w+\.py)` \| ([^|]*) \|', text_of(ROOT / 'docs' / 'diagnosis.md'), re.MULTILINE)
+    explained = {(file, name) for file, names in rows for name in re.findall(r'`(\w+)`', names)}
+    assert named == explained

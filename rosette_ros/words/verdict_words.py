@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import isnan
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
+from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
 from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict, VerdictText
 from rosette_ros.core.diagnosis.wrong_readings import WRONG, WrongReading
@@ -74,8 +75,8 @@ OTHER_UNIT = 100.0
 """Ratio of the repeatability of axes from which on a wrong unit is the likelier cause."""
 MOST_OF_U = 0.5
 """Share of a variance from which on it is most of it."""
-LIKELY, MOST_LAWS = 0.03, 3
-"""Probability of a law from which on it is said, and so many at most."""
+MOST_LAWS = 3
+"""Laws of a cause that are said at most."""
 SAID_ELSEWHERE = ('axes', 'ball', 'reading', 't0', 't1')
 _ALONG = re.compile(r'(\w+) along (its )?(.+)')
 
@@ -203,7 +204,7 @@ def missing_words(one: MissingEffect) -> str:
 
 def laws_words(cause: Cause, most: int = MOST_LAWS) -> str:
     """Return so many of the likeliest laws of a cause: 'slip of one ball (95 %), creep of one ball (4 %)'."""
-    likely = [(law, p) for law, p in cause.laws if p >= LIKELY][:most] or cause.laws[:1]
+    likely = [(law, p) for law, p in cause.laws if p >= LISTED][:most] or cause.laws[:1]
     return ', '.join(f'{titles(law) if law else "no law of the library"} ({chance(p)})' for law, p in likely)
 
 

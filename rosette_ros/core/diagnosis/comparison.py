@@ -14,7 +14,7 @@ from rosette_ros.core.run.records import UNLIKELY, Floats, Ints, remove_gauge
 from rosette_ros.core.sight.bank import Reals
 
 DRAWS = 400
-NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
+"""Draws of noise that a comparison is made with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, no
     mean = np.where(number, _sums(index, count, residual[None])[0] / np.maximum(number, 1), np.nan)
     rms = np.where(wanted > 1e-12, np.sqrt(squares / np.maximum(wanted, 1e-12)), np.where(number, 0.0, np.nan))
     every = np.concatenate([residual[None], noise])
-    total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
+    total = np.maximum(np.sum(every**2, axis=(1, 2)), np.finfo(float).tiny)
     # the most uneven group, each draw in units of its own scatter
     uneven = (_sums(index, count, every**2) / np.maximum(wanted, 1e-12) / total[:, None, None] * total[1:].mean())
     statistic = uneven.max(axis=(1, 2))
@@ -129,7 +129,7 @@ def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, no
 
 def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
     every = np.concatenate([residual[None], noise])
-    total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
+    total = np.maximum(np.sum(every**2, axis=(1, 2)), np.finfo(float).tiny)
     value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
     mean, sd = value[1:].mean(), value[1:].std()
     return float(value[0] - mean), float(2 * scipy.special.ndtr(-abs(value[0] - mean) / sd))
@@ -138,7 +138,7 @@ def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
 def _worst(fitted: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:
     run, weight = fitted.run, np.ones((fitted.run.size, 3)) if fitted.noise.weight is None else fitted.noise.weight
     scale = np.sqrt(np.maximum(expected * weight, 1e-12))  # what stands out is shown as large as it is
-    size = np.sqrt(np.sum((fitted.residual / scale)**2, axis=1)) / max(fitted.rms, NO_RESIDUAL)
+    size = np.sqrt(np.sum((fitted.residual / scale)**2, axis=1)) / max(fitted.rms, np.finfo(float).tiny)
     total = np.sqrt(np.sum(noise**2, axis=(1, 2)) / fitted.dof)
     largest = np.sqrt(np.sum((noise / scale)**2, axis=2)).max(axis=1) / total
     found = []

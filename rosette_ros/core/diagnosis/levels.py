@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Cause
-from rosette_ros.core.diagnosis.limits import ALIKE, HEARD, SURE
+from rosette_ros.core.diagnosis.limits import HEARD, LISTED, SURE
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.free import FREE, PLACES, variables
@@ -199,7 +199,7 @@ def _is_replaced(posterior: Posterior, run: Run, one: Place, other: Place, said:
     rest.remove(one[0].name)
     rest.remove(other[0].name)
     for key, p in posterior.p.items():
-        if p < ALIKE * posterior.p[posterior.best]:
+        if p < LISTED * posterior.p[posterior.best]:
             return False
         if len(key[0]) == len(rest) + 1:
             more = [place for place in posterior.places(key) if place[0].name not in rest]

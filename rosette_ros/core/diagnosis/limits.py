@@ -4,9 +4,10 @@
 HEARD = 1e-3
 """Probability of a hypothesis below which nobody asks what it says: its share counts in no sum that is told."""
 LISTED = 0.03
-"""Probability from which on an explanation is fitted and a law is said."""
-ALIKE = 0.05
-"""Probability of another name in its place, over that of a claim, from which on the run cannot tell them apart."""
+"""Probability from which on an explanation is fitted, a law is said and, over that of a name, another name is listed
+that the run cannot tell from it; share of the variance from which on rounding is told."""
+WHOLE = 0.95
+"""Probability that the explanations that are listed, and the readings between which an event lies, hold together."""
 CLAIM = 0.7
 """Probability of a cause, with what this run cannot tell from it, from which on it is claimed."""
 SURE = 0.9

@@ -4,14 +4,13 @@
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Interval
+from rosette_ros.core.diagnosis.limits import WHOLE
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.run_functions import around, beside, seconds
 from rosette_ros.core.model.least_squares import Fit, JointSpace
 
 NEAR = 60
 """So many gaps between readings to either side are asked whether a moment lies there."""
-SURELY = 0.95
-"""Probability of the interval in which a moment lies."""
 
 
 def moments_of(fitted: Fit, place: int) -> dict[str, Interval]:
@@ -36,7 +35,7 @@ def moments_of(fitted: Fit, place: int) -> dict[str, Interval]:
         p = np.exp((fall - fall.max()) / (2 * max(fitted.sigma, 1e-15)**2))
         p /= p.sum()
         low = high = int(p.argmax())
-        while p[low:high + 1].sum() < SURELY:
+        while p[low:high + 1].sum() < WHOLE:
             lower = high + 1 == p.size or (low > 0 and p[low - 1] >= p[high + 1])
             low, high = (low - 1, high) if lower else (low, high + 1)
         begin, end = around(times, kept[low].number(name))[0], around(times, kept[high].number(name))[1]

@@ -9,7 +9,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.hypotheses import Looked
-from rosette_ros.core.diagnosis.limits import ALIKE
+from rosette_ros.core.diagnosis.limits import LISTED, WHOLE
 from rosette_ros.core.diagnosis.log_evidence import Place, State
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.noise import Noise
@@ -85,7 +85,7 @@ class Posterior:
         out = []
         for name in dict.fromkeys(one for one in self.best[0] if one in EFFECTS):
             others = {other: p for other, p in self.instead(name).items() if other in EFFECTS and other != name}
-            least = ALIKE * self.of(name)
+            least = LISTED * self.of(name)
             alike = tuple(sorted(((other, p) for other, p in others.items() if p > least), key=lambda pair: -pair[1]))
             together = self.of(name, *(other for other, _ in alike))
             out.append(MissingEffect(name, alternatives=alike, together=together, is_there=self.of(name)))
@@ -106,7 +106,7 @@ class Posterior:
                     out[more[0]] = out.get(more[0], 0.0) + p
         return out
 
-    def explanations(self, share: float = 0.95) -> tuple[Explanation, ...]:
+    def explanations(self, share: float = WHOLE) -> tuple[Explanation, ...]:
         """Return hypotheses, the likeliest first, until they have a share together."""
         total = np.cumsum([self.p[key] for key in self.keys])
         return tuple(Explanation(names, self.p[names, noise], noise)

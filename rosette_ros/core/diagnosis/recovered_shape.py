@@ -18,8 +18,6 @@ from rosette_ros.core.effects.free import FREE, TIMES, motions, place_of, variab
 from rosette_ros.core.run.records import Floats, in_time
 from rosette_ros.core.sight.bank import CauseFamily, columns_of, scaled
 
-MOST_POINTS = 200
-
 
 @dataclass(frozen=True, eq=False)
 class ShapeCurve:
@@ -80,7 +78,6 @@ def _shape(state: State, place: int) -> Shape | None:
     variable = next(one for one in variables(run) if one.name == name)
     where = np.flatnonzero(functions.any(axis=0)) if at_one else np.arange(run.size)
     at = where[np.unique(variable.values[where], return_index=True)[1]]
-    at = at[np.unique(np.linspace(0, at.size - 1, MOST_POINTS).round().astype(int))]
     centred = (functions - functions[:, where].mean(axis=1, keepdims=True))[:, at]
     curves = []
     for k, axis in enumerate(_axes(setting.word('along'), count)):

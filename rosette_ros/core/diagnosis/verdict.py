@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
-from rosette_ros.core.diagnosis.limits import SURE
+from rosette_ros.core.diagnosis.limits import LISTED, SURE
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts, noise_facts
 from rosette_ros.core.diagnosis.wrong_readings import WrongReading, outliers, wrong_readings
 from rosette_ros.core.run.records import UNLIKELY, resolution_of
@@ -19,10 +19,16 @@ if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster with
 
 CERTAIN = 4
 """An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
-COARSE = 0.5
-"""Step of the readings, over the residual, from which on it is told."""
-TOO_LARGE = 2.0, 1e-3
-"""Stated repeatability over the residual, and probability of one as small, from which on it is told."""
+TOO_LARGE = 2.0
+"""Stated repeatability over the residual from which on it is told, where that is no chance."""
+
+
+class Level(StrEnum):
+    """How an outcome is shown."""
+
+    GOOD = 'good'
+    DOUBTFUL = 'doubtful'
+    BAD = 'bad'
 
 
 class Outcome(StrEnum):
@@ -39,21 +45,13 @@ class Outcome(StrEnum):
     NO_REPEATABILITY = 'cannot be said: no repeatability'
     NOT_DETERMINABLE = 'not determinable'
 
-
-class Level(StrEnum):
-    """How an outcome is shown."""
-
-    GOOD = 'good'
-    DOUBTFUL = 'doubtful'
-    BAD = 'bad'
-
-
-LEVELS = {
-    Outcome.UNIT: Level.DOUBTFUL, Outcome.FITS: Level.GOOD,
-    Outcome.DOUBTFUL_READINGS: Level.DOUBTFUL, Outcome.NAMED: Level.BAD,
-    Outcome.SUSPECTED: Level.DOUBTFUL,
-    Outcome.UNNAMED: Level.BAD, Outcome.SCATTERS: Level.DOUBTFUL, Outcome.NO_REPEATABILITY: Level.DOUBTFUL,
-    Outcome.NOISE: Level.DOUBTFUL, Outcome.NOT_DETERMINABLE: Level.BAD}
+    @property
+    def level(self) -> Level:
+        """How it is shown: only a model that fits is good, one that is refuted or cannot be determined is bad."""
+        if self is Outcome.FITS:
+            return Level.GOOD
+        is_bad = self in (Outcome.NAMED, Outcome.UNNAMED, Outcome.NOT_DETERMINABLE)
+        return Level.BAD if is_bad else Level.DOUBTFUL
 
 
 class Judged:
@@ -65,7 +63,7 @@ class Judged:
     @property
     def level(self) -> Level:
         """How the outcome is shown."""
-        return LEVELS[self.outcome]
+        return self.outcome.level
 
     @property
     def model_fails(self) -> bool:
@@ -159,7 +157,7 @@ def facts_of(fit: 'Fit', final: 'Fit') -> Verdict:
     return Verdict(
         Outcome.FITS, _residual(fit), _residual(final), noise=noise_facts(final), remarks=run.remarks,
         outliers=outliers(final, len(fit.effects)), wrong=wrong_readings(final),
-        step=step if COARSE * final.rms < step and not is_told else 0.0,
+        step=step if step**2 / 12 > LISTED * final.rms**2 and not is_told else 0.0,
         too_large=_too_large(final), has_motions='table_motions' in fit.model.base,
         present=tuple((one.name, one.rms) for one in fit.effects
                       if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)))
@@ -203,5 +201,6 @@ def _residual(fit: 'Fit') -> Residual:
 
 def _too_large(final: 'Fit') -> float:
     """Return the stated repeatability over what the readings show, where that is more than chance, else 0."""
-    known, (ratio, p_small) = final.run.repeatability, TOO_LARGE
-    return known / final.rms if known and known > ratio * final.rms > 0 and final.p_of_small < p_small else 0.0
+    known = final.run.repeatability
+    is_larger = known is not None and known > TOO_LARGE * final.rms > 0 and final.p_of_small < UNLIKELY
+    return known / final.rms if known and is_larger else 0.0

@@ -13,17 +13,18 @@ from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableS
 from rosette_ros.core.joint.knowledge import JointRemark, Knowledge, angles_of_one_sense, knowledge, pairs_of_senses
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import ITEMS, Sharing, apart
-from rosette_ros.core.model.least_squares import UNLIKELY
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Frame
-from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.run.records import CURVES, UNLIKELY, ErrorMotions
 from rosette_ros.core.run.remarks import Remark, remark
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MATTERS, hidden_covariance
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Environment, Unseen
 
 EXACT = 1e9
+CONTRADICTED = 1e-3
+"""Probability below which the data contradict that something is shared: several such tests are made at once."""
 NO_NOISE = 1e-12
 """Scatter of a coordinate that rounding makes, m: less of it decides nothing."""
 NEAR, NEARLY_ALONG = 1e-3, 5e-3
@@ -55,7 +56,7 @@ class SharingTest:
     @property
     def is_contradicted(self) -> bool:
         """Whether the data contradict it."""
-        return self.p is not None and self.p < UNLIKELY
+        return self.p is not None and self.p < CONTRADICTED
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ from rosette_ros.core.model.second_order import (
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.geometry import TWO_PI, radial
 from rosette_ros.core.run.number_words import micrometres
-from rosette_ros.core.run.records import ErrorMotions, Floats, Ints, Run, in_time
+from rosette_ros.core.run.records import UNLIKELY, ErrorMotions, Floats, Ints, Run, in_time
 
 HIDDEN = 1e-6
 """Visible share below which an effect is taken as hidden altogether (rounding is 1e-15)."""
@@ -41,8 +41,6 @@ HIDDEN_SHARE = 0.05
 """Visible share below which an order of measurement hides an effect, or a direction of a free course."""
 REFINED = ('scale', 'phase')
 """Kinds of searched parameters that have an uncertainty."""
-UNLIKELY = 1e-3
-"""Chance of as much lack of fit below which the residuals, not the repeatability, state the uncertainties."""
 FEWEST = 0.1
 """Share of its degrees of freedom that a repeatability keeps, at least, under heavy tails: (dof - 4) / (dof - 1)."""
 
