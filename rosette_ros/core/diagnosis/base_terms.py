@@ -35,6 +35,7 @@ def missing_base(run: Run, start: Fit) -> tuple[str, ...]:
     sets = [chosen for size in range(1, len(absent) + 1) for chosen in itertools.combinations(absent, size)]
     best: tuple[str, ...] = ()
     best_score, rss = 0.0, start.rms**2 * start.dof
+
     for chosen in sets:
         tried = fit(run, replace(model, base=(*model.base, *chosen)), start.settings, start.noise)
         score = start.dof * np.log(rss / max(tried.rms**2 * tried.dof, 1e-300)) - 2 * (tried.rank - start.rank)

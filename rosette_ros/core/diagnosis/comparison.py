@@ -94,6 +94,7 @@ def compare(fitted: Fit, seed: int = 0) -> Comparison:
     white, whitening = np.random.default_rng(seed).standard_normal((DRAWS, run.size, 3)), fitted.joint.whitening
     noise = whitening.inverse(fitted.joint.free(white))
     expected = np.mean(noise**2, axis=0)
+
     groupings = tuple(_grouping(label, index, keys, residual, noise, expected) for label, index, keys in places(run))
     correlation, neighbour_p = _neighbours(residual, noise)
     axis_rms = np.sqrt(np.sum(residual**2, axis=0) / np.sum(expected, axis=0))
@@ -116,8 +117,10 @@ def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, no
     squares = _sums(index, count, residual[None]**2)[0]
     wanted = _sums(index, count, expected[None])[0]
     number = np.bincount(index, minlength=count)[:, None]
+
     mean = np.where(number, _sums(index, count, residual[None])[0] / np.maximum(number, 1), np.nan)
     rms = np.where(wanted > 1e-12, np.sqrt(squares / np.maximum(wanted, 1e-12)), np.where(number, 0.0, np.nan))
+
     every = np.concatenate([residual[None], noise])
     total = np.maximum(np.sum(every**2, axis=(1, 2)), np.finfo(float).tiny)
     # the most uneven group, each draw in units of its own scatter
@@ -141,6 +144,7 @@ def _worst(fitted: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:
     size = np.sqrt(np.sum((fitted.residual / scale)**2, axis=1)) / max(fitted.rms, np.finfo(float).tiny)
     total = np.sqrt(np.sum(noise**2, axis=(1, 2)) / fitted.dof)
     largest = np.sqrt(np.sum((noise / scale)**2, axis=2)).max(axis=1) / total
+
     found = []
     for k in np.argsort(size)[::-1][:10]:
         p = float((1 + np.count_nonzero(largest >= size[k])) / (largest.size + 1))

@@ -20,25 +20,31 @@ def moments_of(fitted: Fit, place: int) -> dict[str, Interval]:
 
     place: of the effect in the fit, whose other effects and settings stay as they are."""
     run, effect, own = fitted.run, fitted.model.terms[place].effect, fitted.effects[place]
-    ends = np.cumsum([one.effect.width(run, found.setting) for one, found in zip(fitted.model.terms, fitted.effects)])
-    others = JointSpace(fitted.joint.space, np.delete(fitted.joint.columns, slice(*np.append(0, ends)[place:place + 2]),
-                                                      axis=0), fitted.joint.columns[:0])
-    left, out = others.residual((fitted.residual + own.displacement)[None]).reshape(-1), {}
+    widths = [one.effect.width(run, found.setting) for one, found in zip(fitted.model.terms, fitted.effects)]
+    mine = slice(*np.cumsum([0, *widths])[place:place + 2])
+    columns = fitted.joint.columns
+    others = JointSpace(fitted.joint.space, np.delete(columns, mine, axis=0), columns[:0])
+    left = others.residual((fitted.residual + own.displacement)[None]).reshape(-1)
+
+    out = {}
     for name, times in effect.moments(run, own.setting).items():
         middle = beside(0.5 * (times[1:] + times[:-1]), own.setting.number(name), NEAR)
         every = [Setting({**own.setting, name: float(one)}) for one in middle]
         kept = [one for one in every if 't1' not in one or one.number('t0') < one.number('t1')]
+
         rows = np.asarray(effect.blocks(run, kept))
         rows = others.residual(rows.reshape(-1, run.size, 3)).reshape(*rows.shape[:2], -1)
         shown = rows @ left
         fall = np.einsum('bi,bij,bj->b', shown, np.linalg.pinv(rows @ rows.swapaxes(1, 2), hermitian=True), shown)
         p = np.exp((fall - fall.max()) / (2 * max(fitted.sigma, 1e-15)**2))
         p /= p.sum()
+
         low = high = int(p.argmax())
         while p[low:high + 1].sum() < WHOLE:
             lower = high + 1 == p.size or (low > 0 and p[low - 1] >= p[high + 1])
             low, high = (low - 1, high) if lower else (low, high + 1)
-        begin, end = around(times, kept[low].number(name))[0], around(times, kept[high].number(name))[1]
-        out[name] = Interval(begin, end, int(np.sum(seconds(run) <= begin)), int(np.sum(seconds(run) < end)) + 1,
-                           float(p[low:high + 1].sum()))
+        begin, _ = around(times, kept[low].number(name))
+        _, end = around(times, kept[high].number(name))
+        last, first = int(np.sum(seconds(run) <= begin)), int(np.sum(seconds(run) < end)) + 1
+        out[name] = Interval(begin, end, last, first, float(p[low:high + 1].sum()))
     return out

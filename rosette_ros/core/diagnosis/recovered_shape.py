@@ -65,19 +65,23 @@ def _shape(state: State, place: int) -> Shape | None:
     *at_one, name = setting.word('of').split(TIMES)
     if not all(place_of(one)[1] for one in at_one):
         return None  # of two variables: a surface
+
     family = CauseFamily(FREE, name, (setting,))
     mix, functions, count = _mixed(state, setting)
     rows = state.evidence.space.residual(columns_of(family, run, setting)).reshape(np.count_nonzero(mix), -1)
     rows = rows - (rows @ rest.basis.T) @ rest.basis
     size = SIZES[int(np.argmax(rest.line(rows)))]
+
     value, vector = np.linalg.eigh(rows @ rows.T)
     root = vector / np.sqrt(np.maximum(value, 0) + 1 / size**2)
     amplitudes = [state.evidence.scale * root @ (root.T @ (rows @ left)) for left in (
         (rest.residual,) if member.family.is_free else (rest.residual, rest.residual - state.residual))]
     sigma = state.evidence.scale * np.sqrt(state.rss / max(state.evidence.dof - len(state.basis), 1))
+
     variable = next(one for one in variables(run) if one.name == name)
     where = np.flatnonzero(functions.any(axis=0)) if at_one else np.arange(run.size)
     at = where[np.unique(variable.values[where], return_index=True)[1]]
+
     centred = (functions - functions[:, where].mean(axis=1, keepdims=True))[:, at]
     curves = []
     for k, axis in enumerate(_axes(setting.word('along'), count)):
@@ -90,8 +94,7 @@ def _shape(state: State, place: int) -> Shape | None:
                                  None if member.family.is_free else both[1]))
     return Shape(FREE.name, setting, f'{setting.word("along")} with {setting.word("of")}',
                  '' if member.family.is_free else member.name, variable.name, in_time(variable.unit, run.time_unit),
-                 variable.values[at],
-                 tuple(curves))
+                 variable.values[at], tuple(curves))
 
 
 def _mixed(state: State, setting: Setting) -> tuple[Floats, Floats, int]:

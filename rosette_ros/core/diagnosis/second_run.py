@@ -113,6 +113,7 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     if after.rms >= NOISELESS and not (noise := noise_beside(after).found()[0].noise).is_white:
         before = fit(run, model, choose_settings(run, model, noise), noise)
         after = _with(before, usable)
+
     error, error_with = cross_validation_rms(before), cross_validation_rms(after)
     carried = _carried(before, usable)
     judged = iter(_judge(before, after, usable, error_with))
@@ -169,10 +170,12 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
         without = _with(before, [*pairs[:place], *pairs[place + 1:]])
         p, error_without = f_test(without, after), cross_validation_rms(without)
         found = after.effects[len(before.effects) + place]
+
         moved = after.joint.space.residual(_displacement(before.run, effect, fitted)[None])
         strength = float(np.linalg.norm(moved)) / after.sigma
         outcome = (CheckOutcome.CONFIRMED if p < UNLIKELY / len(pairs) and error_with < error_without else
                    CheckOutcome.TOO_WEAK if strength < DETECTABLE else CheckOutcome.NOT_SEEN)
+
         same = _same_size(fitted, found) if effect.carries == 'all' and outcome is CheckOutcome.CONFIRMED else None
         share = _visible_share(effect, fitted.setting, before)
         out.append(CheckedEffect(effect.name, fitted.setting, effect.carries, outcome, '', strength, share, p,
