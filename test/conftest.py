@@ -19,10 +19,12 @@ import hypothesis
 import pytest
 import yaml
 from forked_nodes import OUTPUTS, ForkedNode, preload
+from known_searches import KnownSearches
 
 from rosette_ros.cell.supervisor import Cell, added_environment
 from rosette_ros.cli.demo_cell import is_free
 from rosette_ros.cli.main import FEWER_COLLECTIONS
+from rosette_ros.core.diagnosis import diagnosis
 
 os.environ.update(added_environment(os.environ))
 Cell.process_of = ForkedNode  # the cells of the commands that tests run as processes start theirs as users do
@@ -70,6 +72,21 @@ def _is_since(line, begin):
     """Return whether a line of a node's output has no time of its own, or a later one."""
     time_of = re.match(r'\[\w+\] \[([\d.]+)\]', line)
     return time_of is None or float(time_of[1]) >= begin
+
+
+@pytest.fixture(scope='session')
+def kept_searches(tmp_path_factory):
+    """Return the searches that all workers have made."""
+    folder = tmp_path_factory.getbasetemp()
+    return KnownSearches((folder.parent if 'PYTEST_XDIST_WORKER' in os.environ else folder) / 'searches')
+
+
+@pytest.fixture(autouse=True)
+def known_searches(kept_searches, monkeypatch):
+    """Search what a run lacks once for all tests; folders whose subject is the search replace this."""
+    monkeypatch.setattr(diagnosis, 'RunSearch', kept_searches.search)
+    yield
+    kept_searches.keep()
 
 
 @pytest.fixture(autouse=True)

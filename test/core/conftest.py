@@ -9,3 +9,8 @@ from synthetic import synthetic_run
 def make_run():
     """Return the maker of synthetic runs."""
     return synthetic_run
+
+
+@pytest.fixture(autouse=True)
+def known_searches():
+    """Search anew in every test: the search is what is tested."""

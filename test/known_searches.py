@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Searches for what models lack, kept for all workers: what interfaces say of a run is told of one search.
+
+A search is kept without its run and completed with the run at hand, whose file, on which no number depends, may be
+another one. Tests of the search itself (core, blind) search.
+"""
+
+import hashlib
+import pickle
+from pathlib import Path
+
+from rosette_ros.core.diagnosis import diagnosis
+from rosette_ros.core.effects.library import EFFECTS
+
+_SEARCH = diagnosis.RunSearch
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, stream, run):
+        super().__init__(stream, protocol=5)
+        self._names = {id(one): name for name, one in _given(run).items()}
+
+    def persistent_id(self, one):
+        return self._names.get(id(one))
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, stream, run):
+        super().__init__(stream)
+        self.persistent_load = _given(run).__getitem__
+
+
+def _given(run):
+    """Return what no search owns: the run, the library, and the class, which has another in its place."""
+    return {**EFFECTS, 'the run': run, 'the class': _SEARCH}
+
+
+class KnownSearches:
+    """A folder of searches; `search` stands for the class of the package."""
+
+    def __init__(self, folder: Path):
+        folder.mkdir(exist_ok=True)
+        self._folder, self._kept = folder, {}
+
+    def search(self, run, model, without=''):
+        """Return the search on a run, made or known."""
+        about = pickle.dumps((vars(run.replace(source='')), model, without))
+        path = self._folder / hashlib.sha256(about).hexdigest()
+        if path.exists():
+            with open(path, 'rb') as stream:
+                search = _Unpickler(stream, run).load()
+        else:
+            search = _SEARCH(run, model, without)
+        self._kept[path] = search, len(vars(search)) if path.exists() else 0
+        return search
+
+    def keep(self):
+        """Write what has been made, and what is known more of a search than was read."""
+        for path, (search, known) in self._kept.items():
+            if len(vars(search)) > known:
+                new = path.with_suffix(f'.{id(self)}')
+                with open(new, 'wb') as stream:
+                    _Pickler(stream, search.run).dump(search)
+                new.replace(path)
+        self._kept.clear()
