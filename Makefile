@@ -7,7 +7,7 @@ VENV_PYTHON := .venv/bin/python
 # idle for 14 % of the time and five for 4 %; a sixth costs what it gains, as each loads all tests. The tests of a file
 # stay together, as they share a cell or a studio; those that take long or wait start first (test/conftest.py).
 WORKERS := 5
-SIDE_BY_SIDE := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+SIDE_BY_SIDE := -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations 25
 
 .PHONY: help setup test test-all demo bench blind fuzz soak docs pictures lint lock clean
 

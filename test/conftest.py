@@ -28,8 +28,6 @@ from rosette_ros.core.diagnosis import diagnosis
 
 os.environ.update(added_environment(os.environ))
 Cell.process_of = ForkedNode  # the cells of the commands that tests run as processes start theirs as users do
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells do that in the background; our processes inherit it
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # How long an example takes says something of the computer, not of the code.
 hypothesis.settings.register_profile('rosette', deadline=None)
@@ -72,6 +70,16 @@ def _is_since(line, begin):
     """Return whether a line of a node's output has no time of its own, or a later one."""
     time_of = re.match(r'\[\w+\] \[([\d.]+)\]', line)
     return time_of is None or float(time_of[1]) >= begin
+
+
+@pytest.fixture(scope='session', autouse=True)
+def own_signals():
+    """Let no process that a test starts inherit that a signal is ignored, as shells in the background ignore SIGINT and
+    nohup SIGHUP: what has a handler here has none there. Here they stay without effect, but for Ctrl-C, which tests
+    press; Python itself ignores what it tells by an error."""
+    for number in signal.valid_signals() - {signal.SIGPIPE, signal.SIGXFSZ}:
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else lambda *_: None)
 
 
 @pytest.fixture(scope='session')
