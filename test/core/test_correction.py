@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rosette_ros.analysis import analyse
+from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import TWO_PI, rotate_z, rotation_matrix
 from rosette_ros.core.run.records import CURVES, ErrorMotions
@@ -24,7 +24,7 @@ def measured(seed=1, noise=0.1, table=(), **changed):
     """Return the Machine and the error motions of a run of it."""
     machine = Machine(MachineConfig().changed(seed=seed, plate={'balls': N}, probing={'repeatability_um': noise},
                                               table={**LARGE, **dict(table)}, **changed))
-    return machine, analyse(machine.run(plan(N, 'diagonal'))).error_motions
+    return machine, fit(machine.run(plan(N, 'diagonal'))).error_motions
 
 
 def corrected(tmp_path, correction, **settings):

@@ -14,8 +14,6 @@ from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.result_words import check_words, reason_words
 
-pytestmark = pytest.mark.long
-
 SIGMA = 1e-7
 CYCLE = {'kind': 'frame_cycle', 'cosine_um': [0.6, 0.0, 0.4], 'period_min': 11.0}
 CREEP = {'kind': 'plate_creep', 'rate_um_per_h': [3.0, -2.0, 0.0]}
@@ -36,6 +34,7 @@ def creeping():
     return found
 
 
+@pytest.mark.long
 def test_a_rate_is_confirmed_with_its_size(creeping):
     """Noise does as well never; amplitudes agree; carried over without any fit it is the noise."""
     check = cross_check(machine_run(2, CREEP), creeping)
@@ -49,6 +48,7 @@ def test_a_rate_is_confirmed_with_its_size(creeping):
     assert check.after.dof == check.before.dof - 2, 'nothing is searched on the second run'
 
 
+@pytest.mark.long
 def test_another_size_is_said(creeping):
     """Half the rate is the same shape; carried over it makes things worse than a fit."""
     half = {**CREEP, 'rate_um_per_h': [1.5, -1.0, 0.0]}
@@ -70,6 +70,7 @@ def test_amplitudes_that_are_not_determined_say_nothing_of_the_size():
     assert _same_size(fitted(0.0, 2), fitted(1.0, 2))
 
 
+@pytest.mark.long
 def test_what_is_not_there_is_not_seen(creeping):
     """The error in left-out readings does not fall, and no confirmation is given."""
     check = cross_check(machine_run(3), creeping)
@@ -78,6 +79,7 @@ def test_what_is_not_there_is_not_seen(creeping):
     assert check.cross_validation_after > 0.98 * check.cross_validation_before
 
 
+@pytest.mark.long
 def test_a_frame_that_wanders_does_not_confirm_a_drift():
     """A random walk of 10 sigma passed for the drift in 19 of 20 runs; under the noise of the run in 3."""
     drifting = diagnose(machine_run(1, {'kind': 'frame_drift', 'rate_um_per_h': [1.5, 0.0, -1.0]}))
@@ -92,6 +94,7 @@ def test_a_frame_that_wanders_does_not_confirm_a_drift():
     assert outcomes.count('confirmed') <= 1, outcomes
 
 
+@pytest.mark.long
 def test_a_second_run_without_noise_has_none(creeping):
     """What rounding leaves of it has sizes by axis, but is none."""
     config = MachineConfig().changed(seed=2, plate={'balls': 8}, probing={'repeatability_um': 0.0}, hidden=[CREEP])
@@ -100,6 +103,7 @@ def test_a_second_run_without_noise_has_none(creeping):
     assert 'The noise of this run' not in check_words(check)
 
 
+@pytest.mark.long
 def test_a_fall_no_larger_than_chance_is_none(creeping):
     """The error in left-out readings falls a little, but so it does by chance in one run of seven."""
     entry, = cross_check(machine_run(13), creeping).effects
@@ -108,6 +112,7 @@ def test_a_fall_no_larger_than_chance_is_none(creeping):
     assert reason_words(entry) == 'the residual falls with it by no more than chance (p = 0.14)'
 
 
+@pytest.mark.long
 def test_an_order_that_hides_it_cannot_check_it(creeping):
     """Column order shows nothing of a creep."""
     check = cross_check(machine_run(4, CREEP, order='column'), creeping)
@@ -117,6 +122,7 @@ def test_an_order_that_hides_it_cannot_check_it(creeping):
     assert check.carried is None
 
 
+@pytest.mark.long
 def test_a_cycle_keeps_its_period_but_not_its_phase():
     """The second run begins elsewhere in the cycle: the amplitudes are fitted, the period is not."""
     found = diagnose(machine_run(1, CYCLE))
@@ -130,6 +136,7 @@ def test_a_cycle_keeps_its_period_but_not_its_phase():
                                                  if one.name != 'period']
 
 
+@pytest.mark.long
 def test_an_event_need_not_come_again():
     """A bump of one run says nothing about the next."""
     found = diagnose(machine_run(1, STEP))
@@ -140,6 +147,7 @@ def test_an_event_need_not_come_again():
     assert check.after.rms == check.before.rms
 
 
+@pytest.mark.long
 def test_an_effect_too_small_for_the_second_run_is_not_denied(creeping):
     """A plate that creeps a tenth as fast on A could not show on a run that takes an hour."""
     small = diagnose(machine_run(1, CREEP, n=16))
@@ -147,6 +155,7 @@ def test_an_effect_too_small_for_the_second_run_is_not_denied(creeping):
     assert entry.outcome in ('too weak', 'hidden')
 
 
+@pytest.mark.long
 def test_nothing_learnt_is_nothing_checked():
     """A clean first run."""
     found = diagnose(machine_run(7))
@@ -168,6 +177,7 @@ def test_every_effect_says_what_it_shares_with_the_next_run():
     assert set(carries.values()) == {'all', 'shape', 'nothing'}
 
 
+@pytest.mark.long
 def test_the_ladder_goes_from_the_base_to_the_whole_model():
     """Each step is the fit of one effect more; the last is the model itself."""
     run = machine_run(1, CREEP, CYCLE)
@@ -182,6 +192,7 @@ def test_the_ladder_goes_from_the_base_to_the_whole_model():
     assert held[-1] == pytest.approx(SIGMA, rel=0.25)
 
 
+@pytest.mark.long
 def test_an_effect_claimed_twice_makes_a_model_that_can_be_written():
     """Two cycles of different periods stand in it with their settings fixed."""
     other = {**CYCLE, 'cosine_um': [0.0, 0.7, 0.5], 'period_min': 3.7}

@@ -14,8 +14,6 @@ from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
-pytestmark = pytest.mark.long
-
 SIGMA = 1e-7
 
 
@@ -96,6 +94,7 @@ TRUTHS = {
 }
 
 
+@pytest.mark.long
 def test_a_family_is_named():
     """A cause of 20 sigma is named alone; what looks the same in this order may be said beside it."""
     wrong = {}
@@ -107,6 +106,7 @@ def test_a_family_is_named():
     assert not wrong, wrong
 
 
+@pytest.mark.long
 def test_the_direction_of_approach_is_judged_where_positions_are_left_out_by_plan():
     """The CMM went from reading to reading; where one is lost, it came from a ball that the run does not have."""
     run = measured(TRUTHS['probe_approach'], 'there_and_back')
@@ -116,6 +116,7 @@ def test_the_direction_of_approach_is_judged_where_positions_are_left_out_by_pla
     assert 'where readings are missing' in EFFECTS['probe_approach'].unavailable(lost)
 
 
+@pytest.mark.long
 def test_the_first_move_of_the_probe_makes_no_wrong_reading():
     """The CMM came to the first ball along 130 degrees, which is not recorded: found within 4 u, and no outlier."""
     for order, part in (('column', 'along'), ('random', 'along'), ('random', 'across')):
@@ -147,6 +148,7 @@ FOREIGN = {
         {'time'}, 'plate along its x and y')}
 
 
+@pytest.mark.long
 def test_a_foreign_shape_has_no_name():
     """No effect is claimed; body, direction and variables are told, those of a ball with its number."""
     wrong = {}
@@ -160,12 +162,14 @@ def test_a_foreign_shape_has_no_name():
     assert not wrong, wrong
 
 
+@pytest.mark.long
 def test_several_cycles_of_one_motion_are_one_cause_of_an_open_law():
     """A cycle that changes its pace is told as what moves with what; cycles of several periods are at most likely."""
     cause, = find(measured(lambda run: np.sin(9 * (1 + share(run))**2)[:, None] * X, 'random', 40.0)).causes
     assert ('frame' in cause.bodies, 'time' in cause.variables[0], cause.law_certain) == (True, True, False)
 
 
+@pytest.mark.long
 def test_a_period_is_searched_from_two_cycles_in_the_run_on():
     """Cycles in time, and orders of the table's motion away from 0 and 1, as far as they are refined."""
     for order in ('row', 'diagonal', 'random'):
@@ -182,6 +186,7 @@ def test_a_period_is_searched_from_two_cycles_in_the_run_on():
                 assert turns * (1 - high) >= 2 - 1e-9 or high <= 0.65
 
 
+@pytest.mark.long
 def test_a_step_is_found_at_its_moment():
     """At 40 sigma a step after reading 50 is found between readings 50 and 51, and nothing beside it."""
     found = find(measured(lambda run: (np.arange(run.size) >= 50)[:, None] * Z, strength=40.0))
@@ -189,6 +194,7 @@ def test_a_step_is_found_at_its_moment():
     assert 49 * 40 < found.terms[0].fixed['t0'] < 50 * 40
 
 
+@pytest.mark.long
 def test_a_ball_that_is_off_at_its_first_or_last_reading_is_an_outlier():
     """The simpler story is told first, the other one as what would look the same."""
     run, *_ = synthetic_run(12, 'random', 3, turning='alternate')
@@ -211,6 +217,7 @@ def test_a_coarse_temperature_is_taken_as_smooth():
     assert np.array_equal(temperature_change(fine), fine.temperature - fine.temperature[0])
 
 
+@pytest.mark.long
 def test_a_gap_of_the_temperatures_leaves_it_open():
     """Two waves in the gap, zero outside of it; what follows the temperature is named although a third is unknown."""
     run = measured(TRUTHS['frame_temperature_lag'], strength=40.0)
@@ -224,6 +231,7 @@ def test_a_gap_of_the_temperatures_leaves_it_open():
     assert 'frame_temperature_lag' in (*found.missing, *found.verdict.look_alikes)
 
 
+@pytest.mark.long
 def test_a_load_that_turns_in_the_plate_needs_two_amplitudes():
     """A plate on three feet on a tilted table: a wave against the table's sense, and none beside it."""
     found = find(measured(lambda run: np.cos(2 * run.beta - run.phi + 0.5)[:, None] * Z))
@@ -232,6 +240,7 @@ def test_a_load_that_turns_in_the_plate_needs_two_amplitudes():
     assert found.final.effects[0].parameters[0].value != 0 and len(found.final.effects[0].parameters) == 2
 
 
+@pytest.mark.long
 def test_the_recovered_shape_beside_a_true_claim_is_that_of_the_claim():
     """Within U at nine of ten points, and larger than U."""
     for order in ('random', 'sensitive'):
@@ -242,6 +251,7 @@ def test_the_recovered_shape_beside_a_true_claim_is_that_of_the_claim():
         assert np.abs(z.claimed).max() > 5 * z.u.max()
 
 
+@pytest.mark.long
 def test_what_has_one_size_is_drawn_by_its_two_sides():
     """Backlash of one size: a flat line at 0 without a band stood beside its claim."""
     found = diagnose(measured(lambda run: around(run, run.approach), strength=40.0))

@@ -25,8 +25,6 @@ from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation.formatting import uncertainty_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
-pytestmark = pytest.mark.long
-
 
 def covariance(sd, phi, wander):
     """Return the covariance (3 N, 3 N) of a noise, written out."""
@@ -57,6 +55,7 @@ def test_whitening_makes_white():
         assert single.dtype == np.float32 and np.abs(single - w).max() < 1e-6
 
 
+@pytest.mark.long
 def test_a_fit_is_generalised_least_squares():
     """Residual and uncertainty of the curves are those of a dense solution with the covariance written out."""
     run = synthetic_run(6, 'random', 3, noise=SIGMA)[0]
@@ -81,6 +80,7 @@ def test_a_fit_is_generalised_least_squares():
         assert np.sqrt(spread) * found.sigma == pytest.approx(found.error_motions.u, rel=1e-5)
 
 
+@pytest.mark.long
 def test_sizes_of_the_noise_come_back():
     """z twice as noisy, over 20 runs without bias (90 and 211 degrees of freedom: 9 %); a random walk of 10 sigma over
     the run; equal white noise is taken as other in few runs."""
@@ -105,6 +105,7 @@ def found_of(kind, seed=0):
     return find(noisy(offset, seed, 'row' if kind == 'by CMM position' else 'random'))
 
 
+@pytest.mark.long
 def test_noise_is_told_as_noise():
     """No effect is named and nothing without a name is missing; the kind of noise is the one that was drawn."""
     wrong = {}
@@ -117,6 +118,7 @@ def test_noise_is_told_as_noise():
     assert not wrong, wrong
 
 
+@pytest.mark.long
 def test_what_noise_is_like_stands_in_the_sentence():
     """The words for each kind; each axis is compared with the one that repeats best, the advice names the worse."""
     for kind, words in (('tail reading', 's are farther off than a normal distribution allows (Student, '),
@@ -133,6 +135,7 @@ def test_what_noise_is_like_stands_in_the_sentence():
         assert verdict_text(verdict).action.count('check the probe') == 1 and look in verdict_text(verdict).action
 
 
+@pytest.mark.long
 def test_rounding_is_told_as_rounding():
     """Readings in steps of 1 um, whose noise is a tenth of that: no effect; in steps of the noise: no doubt."""
     run = synthetic_run(12, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
@@ -144,6 +147,7 @@ def test_rounding_is_told_as_rounding():
     assert 'rounded to 0.100 µm, which accounts for 9 % of the variance' in verdict_text(as_much).sentence
 
 
+@pytest.mark.long
 def test_unequal_axes_have_uncertainties_of_their_own():
     """What is printed of the size of the noise is what the uncertainties of the curves rest on: n - 1 of n waves of ctz
     are free, n - 2 of ctx. In a complete run z and the plane scale apart, in closed form."""
@@ -157,6 +161,7 @@ def test_unequal_axes_have_uncertainties_of_their_own():
     assert other / equal == pytest.approx(np.tile([0.25, 0.25, 4, 4, 4, 0.25], (6, 1)), rel=1e-12)
 
 
+@pytest.mark.long
 def test_places_without_a_reading_cost_nothing():
     """At six of 48 CMM positions white noise stays white; at 8 of 24 one that scatters 2.2 times as much is told."""
     run = planned_run(plan(48, 'diagonal', cmm_positions=(1, 2, 6, 13, 21, 30)), 0.1825)
@@ -170,6 +175,7 @@ def test_places_without_a_reading_cost_nothing():
     assert set(told.values()) == {'CMM position'}, told
 
 
+@pytest.mark.long
 def test_a_reading_without_weight_changes_nothing_by_leaving_it_out():
     """What a wrong reading does to the curves is told under the noise of the run."""
     offset = white(1)[0]
@@ -181,6 +187,7 @@ def test_a_reading_without_weight_changes_nothing_by_leaving_it_out():
         assert found.number == 71 and max(found.without) < 1e-11
 
 
+@pytest.mark.long
 def test_what_the_noise_may_be_is_part_of_the_model():
     """It is left out, put back and written like an effect, and what is left out is not estimated."""
     whole = Model()
@@ -197,6 +204,7 @@ def test_what_the_noise_may_be_is_part_of_the_model():
         whole.with_effect('noise.axes')
 
 
+@pytest.mark.long
 def test_effects_of_any_unit_are_taken_off():
     """What is beside the noise spans the same, whatever its columns are measured in."""
     run = noisy(white(0)[0])
@@ -208,6 +216,7 @@ def test_effects_of_any_unit_are_taken_off():
     assert unlike.white.joined[1] == pytest.approx(alike.white.joined[1], rel=1e-9)
 
 
+@pytest.mark.long
 def test_no_part_is_much_quieter_than_rounding_makes_it():
     """Where readings are repeated at once, as at the turn of there_and_back, their rounded values coincide."""
     run = synthetic_run(6, 'there_and_back', 11, noise=SIGMA, repeatability=SIGMA)[0]
@@ -221,6 +230,7 @@ def test_no_part_is_much_quieter_than_rounding_makes_it():
     assert judge(run).outcome is Outcome.NAMED
 
 
+@pytest.mark.long
 def test_a_repeatability_is_that_of_its_place():
     """Balls that scatter three times as much do not make the others' repeatability wrong; both places are told."""
     loud = np.where(np.arange(144) // 12 % 4 == 1, 3.0, 1.0)[:, None]  # a quarter of the balls, of the time too
@@ -235,6 +245,7 @@ def test_a_repeatability_is_that_of_its_place():
     assert Noise(by='time', factors=np.array([0.8, 1.2, 0.7, 1.5])).quietest < 0.55
 
 
+@pytest.mark.long
 def test_u_covers_under_heavy_tails():
     """Readings that choose their own weights have larger errors than weights that are given: by the formula of Huber.
 
@@ -251,6 +262,7 @@ def test_u_covers_under_heavy_tails():
     assert Noise().loss(0.3) == 1
 
 
+@pytest.mark.long
 def test_the_residual_under_heavy_tails_is_that_of_their_variance():
     """Student's noise of the stated standard deviation is no scatter: the residual is that of least squares, to 5 %.
 
@@ -262,11 +274,13 @@ def test_the_residual_under_heavy_tails_is_that_of_their_variance():
     assert found[2].noise.tail == 'reading'
 
 
+@pytest.mark.long
 def test_noise_that_a_model_does_not_allow_is_no_effect():
     """Where the model allows no other noise than white, z that repeats 1.6 times worse scatters more than stated."""
     assert judge(noisy(white(7)[0] * (1, 1, 1.6), 7), Model(noise=())).outcome in (Outcome.NOISE, Outcome.SCATTERS)
 
 
+@pytest.mark.long
 def test_repeatability_by_axis_is_pooled_with_the_residuals():
     """Six balls leave z twelve degrees of freedom: with a check of 15 readings z is told from x and y most times."""
     told, ratio = {True: 0, False: 0}, []
@@ -285,6 +299,7 @@ def test_repeatability_by_axis_is_pooled_with_the_residuals():
     assert np.mean(ratio) == pytest.approx(2, rel=0.25)
 
 
+@pytest.mark.long
 def test_repeatability_by_axis_holds_where_the_readings_say_little_of_an_axis():
     """Four CMM positions of 12 balls leave z two degrees of freedom: U along z rests on the check, and covers. Where
     the readings say more of an axis than the check, they decide: equal here."""

@@ -9,6 +9,7 @@ from types import SimpleNamespace as record
 import numpy as np
 import pytest
 
+from rosette_ros.cli.main import main
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.geometry import nominal_angles
 from rosette_ros.core.run.records import CURVES
@@ -108,31 +109,22 @@ def test_a_figure_becomes_part_of_a_page():
     assert make() == svg
 
 
-STYLE = 'font.family: serif\nfont.size: 22\naxes.facecolor: black\nsavefig.transparent: True\nlines.linewidth: 6\n'
-
-
-def drawn(folder, rc=''):
-    """Return the figures that the program draws in a folder, MATPLOTLIBRC being such."""
-    folder.mkdir(exist_ok=True)
-    done = subprocess.run(
-        [sys.executable, '-m', 'rosette_ros.cli.main', *'plan row --balls 4 --radius-mm 9 --figures . --format png'
-         .split()], capture_output=True, text=True, timeout=300, cwd=folder,
-        env={**os.environ, 'MATPLOTLIBRC': rc}, check=False)
-    assert (done.returncode, done.stderr) == (0, '')
-    return {path.name: path.read_bytes() for path in folder.glob('*.png')}
-
-
-@pytest.fixture(scope='module')
-def plain(tmp_path_factory):
-    """Return the figures where there is no matplotlibrc."""
-    return drawn(tmp_path_factory.mktemp('none'))
+PLAN = 'plan row --balls 4 --radius-mm 9 --format png --figures'.split()
 
 
 @pytest.mark.parametrize(('settings', 'place'), [
-    (STYLE, 'here'), ('text.usetex: True\nfont.family: Nonexistent\n', 'named'),
-    ('# no UTF-8: \xb5\nsvg.fonttype: broken\n', 'named'), ('svg.fonttype: broken\n\xff\xfe', 'here')])
-def test_a_figure_is_the_same_whatever_the_matplotlibrc_says(tmp_path, plain, settings, place):
+    ('font.family: serif\nfont.size: 22\naxes.facecolor: black\nsavefig.transparent: True\nlines.linewidth: 6\n',
+     'here'),
+    ('# no UTF-8: \xb5\xff\xfe\nsvg.fonttype: broken\ntext.usetex: True\nfont.family: Nonexistent\n', 'named')])
+def test_a_figure_is_the_same_whatever_the_matplotlibrc_says(tmp_path, settings, place):
     """Fonts that are not there, TeX, another look: they are for the figures of their owner."""
     (tmp_path / 'matplotlibrc').write_text(settings, encoding='latin-1')
-    found = drawn(tmp_path / 'elsewhere', str(tmp_path)) if place == 'named' else drawn(tmp_path)
-    assert found and found == plain
+    done = subprocess.run(
+        [sys.executable, '-m', 'rosette_ros.cli.main', *PLAN, tmp_path / 'told'], capture_output=True, text=True,
+        timeout=300, cwd=tmp_path if place == 'here' else None, check=False,
+        env={**os.environ, 'MATPLOTLIBRC': str(tmp_path) if place == 'named' else ''})
+    assert (done.returncode, done.stderr) == (0, '')
+    assert main([*PLAN, str(tmp_path / 'plain')]) == 0
+    plain, told = ({path.name: path.read_bytes() for path in (tmp_path / name).glob('*.png')}
+                   for name in ('plain', 'told'))
+    assert plain and plain == told
