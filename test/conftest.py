@@ -6,6 +6,8 @@ import atexit
 import contextlib
 import functools
 import gc
+import html
+import io
 import os
 import random
 import re
@@ -20,6 +22,8 @@ import pytest
 import yaml
 from forked_nodes import OUTPUTS, ForkedNode, preload
 from known_searches import KnownSearches
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from rosette_ros.cell.supervisor import Cell, added_environment
 from rosette_ros.cli.demo_cell import is_free
@@ -29,8 +33,8 @@ from rosette_ros.core.diagnosis import diagnosis
 os.environ.update(added_environment(os.environ))
 Cell.process_of = ForkedNode  # the cells of the commands that tests run as processes start theirs as users do
 
-# How long an example takes says something of the computer, not of the code.
-hypothesis.settings.register_profile('rosette', deadline=None)
+# How long an example takes says something of the computer, not of the code; make fuzz takes many of them.
+hypothesis.settings.register_profile('rosette', deadline=None, max_examples=20)
 hypothesis.settings.load_profile('rosette')
 
 WAITS = {'chromium', 'domain_id', 'module_domain_id'}
@@ -95,6 +99,20 @@ def known_searches(kept_searches, monkeypatch):
     monkeypatch.setattr(diagnosis, 'RunSearch', kept_searches.search)
     yield
     kept_searches.keep()
+
+
+@pytest.fixture
+def sketched(monkeypatch):
+    """Let figures in pages be their texts alone: lines take longer to draw than all the rest of a page to make."""
+    drawn = Figure.savefig
+
+    def sketch(figure, stream, **options):
+        if not isinstance(stream, io.StringIO):
+            return drawn(figure, stream, **options)
+        texts = ''.join(f'<text>{html.escape(one.get_text())}</text>' for one in figure.findobj(Text))
+        return stream.write(f'<svg xmlns="http://www.w3.org/2000/svg">{texts}</svg>')
+
+    monkeypatch.setattr(Figure, 'savefig', sketch)
 
 
 @pytest.fixture(autouse=True)

@@ -115,6 +115,7 @@ def test_every_interface_states_one_verdict(kind, tmp_path, capsys):
     assert studio(run) == verdict
 
 
+@pytest.mark.usefixtures('sketched')
 @pytest.mark.parametrize('kind', ['hidden effect', 'repeatability of half the noise', 'no repeatability'])
 def test_the_report_states_the_verdict(kind):
     """Its mark shows the level, its sentence and action are those of the summary."""
@@ -127,6 +128,7 @@ def test_the_report_states_the_verdict(kind):
     assert f'>{MARKS[verdict.level]}</span> {HEADLINES[verdict.outcome]}' in page
 
 
+@pytest.mark.usefixtures('sketched')
 @pytest.mark.parametrize('kind', ['hidden effect', 'incomplete'])
 def test_every_interface_shows_the_same_numbers(kind, tmp_path, capsys):
     """Six errors and curves with U as modelled now and, where a cause is missing, with it: verbs, report, studio."""

@@ -49,6 +49,7 @@ def test_no_angle_is_left_in_microradians(rosette, make_table, tmp_path, verb):
     assert angle_unit() == 'urad'  # of one command alone
 
 
+@pytest.mark.usefixtures('sketched')
 def test_pages_and_their_pictures_follow(rosette, make_table, tmp_path):
     """A report has no µrad, in its text, tables and pictures."""
     page = tmp_path / 'page.html'

@@ -152,6 +152,7 @@ def test_files_of_a_log_are_not_overwritten(refused, rosette, make_table, tmp_pa
     assert rosette('correct', log, '-o', log / 'c.yaml', '--force').code == 0
 
 
+@pytest.mark.usefixtures('sketched')
 def test_a_table_of_the_report_does_not_replace_its_run(refused, make_table, tmp_path, monkeypatch):
     """That has the name of the table."""
     monkeypatch.chdir(tmp_path)

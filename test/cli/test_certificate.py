@@ -78,6 +78,7 @@ def test_inputs_of_the_budget_make_its_uncertainty_that_of_the_certificate(roset
     assert '--inputs: does not go with --verify' in refused('certificate', '--verify', xml, table, '--inputs', inputs)
 
 
+@pytest.mark.usefixtures('sketched')
 def test_evaluate_and_report_take_the_tolerances(rosette, make_table, identity, tmp_path):
     """The table of the six errors says whether they conform; JSON too; the report says who and what."""
     table = make_table()

@@ -36,6 +36,7 @@ def damaged_log(tmp_path):
     return log, f'the log is damaged: {path}: chunk'
 
 
+@pytest.mark.usefixtures('sketched')
 def test_every_verb_tells_what_a_log_lacks(rosette, damaged_log, tmp_path):
     """In a line: in the verdict, or on stderr where the output has none; the run is complete, but U is another."""
     log, words = damaged_log

@@ -179,6 +179,7 @@ def test_earlier_runs_of_a_cell_state_its_environment(rosette, refused, tmp_path
         'archive', 'environment', archive.folder, '--table', 'RT-8')
 
 
+@pytest.mark.usefixtures('sketched')
 def test_the_report_states_it(rosette, table, tmp_path):
     """Verdict, lines and curves are those of the environment."""
     page = tmp_path / 'r.html'

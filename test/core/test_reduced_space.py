@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from dense_space import DenseSpace
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
@@ -27,7 +27,6 @@ def reduced_run(n, by, members, times=1):
 
 
 @given(n=st.integers(6, 13), by=st.sampled_from(['cmm_positions', 'balls']), times=st.integers(1, 2), data=st.data())
-@settings(max_examples=40)
 def test_reduced_runs_equal_the_dense_solution(n, by, times, data):
     """Residuals, parameters, rank and cofactors agree to rounding wherever the run is determined."""
     size = data.draw(st.integers(fewest_members(n), n))
@@ -49,7 +48,6 @@ def test_reduced_runs_equal_the_dense_solution(n, by, times, data):
 
 
 @given(n=st.integers(4, 13), data=st.data())
-@settings(max_examples=40)
 def test_the_penalty_is_that_of_a_run(n, data):
     """How well a set determines the curves is known before a run, and whether it does."""
     size = data.draw(st.integers(3, n))

@@ -27,7 +27,7 @@ from rosette_ros.io.message_decoder import message_decoder
 from rosette_ros.io.run_to_log import write_log
 
 TABLE = Path(__file__).parents[1] / 'golden' / 'tables' / 'table_clean_n6_row.csv'
-FLIPS, CUTS = 120, 60
+FLIPS, CUTS = 40, 20
 MOST_SECONDS, MOST_BYTES = 2.0, 70e6
 LENGTHS = (0, 1, 22, 2**28, 2**28 + 1, 2**31, 2**40, 2**63, 2**64 - 1)
 

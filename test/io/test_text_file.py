@@ -38,28 +38,28 @@ from rosette_ros.presentation.report import provenance, verification
 from rosette_ros.simulation import envelope
 from rosette_ros.simulation.machine import load_machine
 
-path, settings = Path(sys.argv[1]), Path(sys.argv[1]).with_name('cmm.yaml')
-settings.with_name('cmm.yaml.stopped').symlink_to(path)
-for read in (budget_file.read_budget, identity_file.read_identity, model_file.read_model, plan_file.read_plan,
-             plate_file.read_plate, provenance.digest, verification.read_maker, envelope.open_envelope, load_machine,
-             log_reader.read_log):
-    try:
-        print(read.__name__, read(path))
-    except RosetteError as error:
-        print(error)
-print(StopMark(settings).read())
+for path in map(Path, sys.argv[1:]):
+    for read in (budget_file.read_budget, identity_file.read_identity, model_file.read_model, plan_file.read_plan,
+                 plate_file.read_plate, provenance.digest, verification.read_maker, envelope.open_envelope,
+                 load_machine, log_reader.read_log):
+        try:
+            print(read.__name__, read(path))
+        except RosetteError as error:
+            print(error)
+    settings = path.with_name(f'cmm_{path.name}')
+    settings.with_name(f'{settings.name}.stopped').symlink_to(path)
+    print(StopMark(settings).read())
 '''
 
 
-@pytest.mark.parametrize('kind', ['pipe', 'device'])
-def test_nothing_waits_for_a_pipe(tmp_path, kind):
-    """In the place of a file of settings, a table, a log: refused at once, in a line each."""
-    path = tmp_path / 'given.yaml'
-    os.mkfifo(path) if kind == 'pipe' else path.symlink_to('/dev/zero')
-    done = subprocess.run([sys.executable, '-c', READERS, path], capture_output=True, text=True, timeout=300,
-                          check=True)
+def test_nothing_waits_for_a_pipe(tmp_path):
+    """Or a device, in the place of a file of settings, a table, a log: refused at once, in a line each."""
+    os.mkfifo(tmp_path / 'pipe.yaml')
+    (tmp_path / 'device.yaml').symlink_to('/dev/zero')
+    done = subprocess.run([sys.executable, '-c', READERS, tmp_path / 'pipe.yaml', tmp_path / 'device.yaml'],
+                          capture_output=True, text=True, timeout=300, check=True)
     lines = done.stdout.splitlines()
-    assert len(lines) == 11
+    assert len(lines) == 2 * 11
     assert all('a device or a pipe' in one for one in lines), done.stdout
 
 

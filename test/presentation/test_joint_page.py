@@ -4,6 +4,7 @@
 import functools
 
 import numpy as np
+import pytest
 
 from rosette_ros.analysis import evaluate_jointly
 from rosette_ros.core.joint.conclusion import JointOutcome, conclude
@@ -27,6 +28,7 @@ def joint(*runs, **declared):
     return evaluate_jointly(list(map(Readings.of, runs)), declared)
 
 
+@pytest.mark.usefixtures('sketched')
 def test_the_page_shows_curves_reversal_knowledge_and_tests():
     """Six curves of both senses, the six reversal curves with their means, p of each sharing."""
     result = joint(simulated_run('there_and_back'), simulated_run('diagonal'))
@@ -45,6 +47,7 @@ def test_the_page_shows_curves_reversal_knowledge_and_tests():
     assert len(tables['plate'].rows) == 8
 
 
+@pytest.mark.usefixtures('sketched')
 def test_the_conclusion_follows_the_tests():
     """Good where all agrees; doubtful where something is not shared; bad where a declaration is contradicted."""
     first, other = (simulated_run('diagonal', seed) for seed in (1, 2))

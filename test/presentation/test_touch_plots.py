@@ -40,6 +40,7 @@ def test_residuals_show_the_dust(dusty):
     assert ('Touches off', 'table position') in [(name, text[:14]) for name, text in sphere_rows(refit)]
 
 
+@pytest.mark.usefixtures('sketched')
 def test_page_has_an_annex_of_touches(dusty):
     """A figure, a table and sentences; what is not known does not say that there are none."""
     run = Machine(MachineConfig().changed(plate={'balls': 4})).run(plan(4, 'random'))

@@ -96,6 +96,7 @@ def test_runs_that_differ_are_said_to_differ():
     assert '(ii) plate turned' in found.verdict.action
 
 
+@pytest.mark.usefixtures('sketched')
 def test_the_page_states_the_numbers_beside_those_of_the_paper():
     """µm and µrad, how they were worked out, and curves (v) and (vi)."""
     found = verify(pairs(), maker_of(verification_runs()[0][0]))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of the way to a cause, by itself and in the report of a run that was measured until it is known."""
 
+import pytest
 from figure_texts import faults, texts_of
 from summaries import summary_of
 
@@ -22,6 +23,7 @@ def test_every_text_can_be_read():
             'no further effect', 'settled, 95 %'} <= {' '.join(text.split()) for text in texts}
 
 
+@pytest.mark.usefixtures('sketched')
 def test_a_report_has_the_way_where_readings_were_added():
     """One that was asked once, after its plan, has none."""
     pages = [report_html(summary_of('drift', 6), Source('run', (), until=0.95, asked=asked)) for asked in (
