@@ -96,7 +96,7 @@ def kept_searches(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def known_searches(kept_searches, monkeypatch):
     """Search what a run lacks once for all tests; folders whose subject is the search replace this."""
-    monkeypatch.setattr(diagnosis, 'RunSearch', kept_searches.search)
+    monkeypatch.setattr(diagnosis, 'RunDiagnosis', kept_searches.search)
     yield
     kept_searches.keep()
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from rosette_ros.core.diagnosis import diagnosis
 from rosette_ros.core.effects.library import EFFECTS
 
-_SEARCH = diagnosis.RunSearch
+_SEARCH = diagnosis.RunDiagnosis
 
 
 class _Pickler(pickle.Pickler):
@@ -51,15 +51,15 @@ class KnownSearches:
                 search = _Unpickler(stream, run).load()
         else:
             search = _SEARCH(run, model, without)
-        self._kept[path] = search, len(vars(search)) if path.exists() else 0
+        self._kept[path] = run, search, len(vars(search)) if path.exists() else 0
         return search
 
     def keep(self):
         """Write what has been made, and what is known more of a search than was read."""
-        for path, (search, known) in self._kept.items():
+        for path, (run, search, known) in self._kept.items():
             if len(vars(search)) > known:
                 new = path.with_suffix(f'.{id(self)}')
                 with open(new, 'wb') as stream:
-                    _Pickler(stream, search.run).dump(search)
+                    _Pickler(stream, run).dump(search)
                 new.replace(path)
         self._kept.clear()
