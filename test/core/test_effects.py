@@ -300,3 +300,20 @@ def test_a_fact_that_no_effect_has_is_refused():
     """A misspelt word of a declaration is not kept beside the right one."""
     with pytest.raises(TypeError, match="unexpected keyword argument 'meanning'"):
         PhysicalEffect('my_drift', FrameAxes(), Drift(), Quantity('d', 'm/s', 'rate along'), meanning='It drifts.')
+
+
+def test_every_amplitude_has_a_prior_variance():
+    """One for each column: 1 of named effects, of motions without a name that of its function along each direction; at
+    one place functions are zero beside it and free of its constant deviation."""
+    run = synthetic_run(6, 'random', 0)[0]
+    for one in effects_of(run).values():
+        for setting in one.settings(run)[:1]:
+            np.testing.assert_array_equal(one.variances(run, setting), np.ones(one.width(run, setting)))
+    for setting in FREE.settings(run):
+        functions, variance = FREE.course(run, setting)
+        count = FREE.columns(run, setting).shape[2] // len(functions)
+        assert FREE.variances(run, setting).tolist() == [each for each in variance for _ in range(count)]
+        number = setting.word('of').removeprefix('ball ').split()[0]
+        if number.isdigit():
+            own = run.ball == int(number)
+            assert not functions[:, ~own].any() and np.abs(functions.sum(axis=1)).max() < 1e-12

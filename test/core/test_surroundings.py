@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from synthetic import RADIUS
 
-from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.effect import Motion, Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
@@ -121,8 +121,10 @@ def test_effects_have_equal_parts_of_a_number(make_run):
 
 
 def test_every_effect_belongs_to_a_number():
-    """None is forgotten."""
+    """None is forgotten: a motion that names no number is refused where it is written."""
     assert {kind_of(one) for one in EFFECTS.values()} == {*KINDS}
+    with pytest.raises(TypeError, match='motion Lost: wanted stated, the number of an environment by which it moves'):
+        type('Lost', (Motion,), {'body': 'plate'})
 
 
 def test_a_table_that_turns_one_way_has_no_backlash(make_run):

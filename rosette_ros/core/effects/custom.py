@@ -138,6 +138,7 @@ def _check(node: ast.expr, depth: int) -> None:
 class NamedDirection(Motion):
     """A direction of DIRECTIONS, by its name."""
 
+    stated = 'machine'
     name: str
 
     @property

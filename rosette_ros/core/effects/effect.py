@@ -140,9 +140,11 @@ class Motion(_Factor):
 
     body: `frame`, `table axis`, `plate`, `ball`, `CMM` or `reading`; axes: letters of its directions in the names of
     amplitudes, none for a single direction; like: bodies of the motions without a name (free.py) that move the balls
-    alike, where body is none of them. Each direction has a key, its part: its place among them as a rule.
+    alike, where body is none of them; stated: the number of an environment that says how far it moves. Each direction
+    has a key, its part: its place among them as a rule.
     """
 
+    stated: str
     body: str = ''
     axes: str = ''
     like: tuple[str, ...] = ()
@@ -153,6 +155,12 @@ class Motion(_Factor):
             if setting.get(place):
                 return frozenset([f'{place} {setting[place]}'])
         return frozenset(self.like or (self.body,))
+
+    def __init_subclass__(cls) -> None:
+        """Refuse a motion that no number of an environment is stated for."""
+        if not hasattr(cls, 'stated') and 'stated' not in cls.__annotations__:
+            raise TypeError(f'motion {cls.__name__}: wanted stated, the number of an environment by which it moves, '
+                            'got none; give it one of stated_environment.KINDS')
 
     def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
         """Return the keys of the directions in which a setting acts."""
@@ -287,6 +295,10 @@ class Effect(_ByValue):
         """Return the Quantity of each column."""
         return ()
 
+    def variances(self, run: Run, setting: Setting) -> Floats:
+        """Return the prior variances of the amplitudes relative to one another, (q,)."""
+        return np.ones(self.width(run, setting))
+
     def moved(self, setting: Setting) -> frozenset[str]:
         """Return what moves, in the words of motions without a name; of one ball or reading with its number."""
         return frozenset([self.body])
@@ -324,7 +336,6 @@ class Effect(_ByValue):
     def width(self, run: Run, setting: Setting) -> int:
         """Return the number of columns of a setting."""
         return len(self.amplitudes(run, setting))
-
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         """Return where to refine each continuous parameter of a setting found on the grid."""

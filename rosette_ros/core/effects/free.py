@@ -212,7 +212,16 @@ class FreeEffect(Effect):
 
     def course(self, run: Run, setting: Setting) -> tuple[Floats, Floats]:
         """Return the functions (k, N) of a setting and their prior variances (k,), the largest 1."""
-        return _course(run, setting.word('of'), setting.word('kind'))
+        functions, variance, at = _course(run, setting.word('of'), setting.word('kind'))
+        if at is None:
+            return functions, variance
+        every = np.zeros((len(functions), run.size))
+        every[:, at] = functions
+        return every, variance
+
+    def variances(self, run: Run, setting: Setting) -> Floats:
+        variance = _course(run, setting.word('of'), setting.word('kind'))[1]
+        return np.repeat(variance, len(motions(run)[setting.word('along')]))
 
     @staticmethod
     def variables_of(setting: Setting) -> frozenset[str]:
@@ -229,7 +238,8 @@ class FreeEffect(Effect):
         return self.variables_of(setting) - ({where} if where == 'ball' and number else set())
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        count, directions = len(self.course(run, setting)[1]), len(motions(run)[setting.word('along')])
+        directions = len(motions(run)[setting.word('along')])
+        count = len(self.variances(run, setting)) // directions
         return tuple(Quantity(f'c{k + 1}_{d + 1}', 'm', f'amplitude of function {k + 1} along direction {d + 1}')
                      for k in range(count) for d in range(directions))
 
@@ -249,7 +259,8 @@ def place_of(name: str) -> tuple[str, int]:
 
 
 @lru_cache(maxsize=2048)
-def _course(run: Run, of: str, kind: str) -> tuple[Floats, Floats]:
+def _course(run: Run, of: str, kind: str) -> tuple[Floats, Floats, Ints | None]:
+    """Return functions (k, N) and variances (k,), at one place the functions at its readings alone, and these."""
     names, kinds = of.split(TIMES), kind.split(', ')
     parts = []
     for name, own in zip(names[-len(kinds):], kinds):
@@ -267,21 +278,22 @@ def _course(run: Run, of: str, kind: str) -> tuple[Floats, Floats]:
         both = variance[:, None] * more
         a, b = np.unravel_index(np.argsort(-both, axis=None, kind='stable')[:MOST_OF_TWO], both.shape)
         functions, variance = functions[a] * other[b], both[a, b]
+    at = None
     if len(kinds) < len(names):
         place, number = place_of(names[0])
-        own = _places(run)[place] == number
-        functions, variance = functions[:run.n - 1], variance[:run.n - 1]
+        at = np.flatnonzero(_places(run)[place] == number)
+        functions, variance = functions[:run.n - 1, at], variance[:run.n - 1]
         # each ball, CMM position and table position has a constant deviation
-        functions = (functions - functions[:, own].mean(axis=1, keepdims=True)) * own
+        functions = functions - functions.mean(axis=1, keepdims=True)
     keep = variance > LEAST * variance.max()
     functions, variance = functions[keep][:MOST], variance[keep][:MOST]
     functions.setflags(write=False)
-    return functions, variance / variance.max()
+    return functions, variance / variance.max(), at
 
 
 def _moves_several(run: Run, of: str, kind: str) -> bool:
     """Return whether no reading has most of the displacement of a course: else it is a wrong reading."""
-    functions, variance = _course(run, of, kind)
+    functions, variance, _ = _course(run, of, kind)
     size = variance @ functions**2
     return bool(size.max() < 0.5 * size.sum())
 

@@ -241,7 +241,7 @@ EFFECTS: dict[str, PhysicalEffect] = {one.name: one for one in (
         look='The joint of that ball: a loose thread, a magnet with dirt under it, cracked glue.',
         formula='R_z(phi) d for one ball between t0 and t1, or 1/2 R_z(phi) d approach',
         source='physics of the artefact', repeatable=True),
-    PhysicalEffect('ball_machine_offset', move.AlongTableFrame('ball', 'xy'), of_ball.EachBall(),
+    PhysicalEffect('ball_machine_offset', move.AlongTableFrame('plate', 'ball', 'xy'), of_ball.EachBall(),
         Quantity('d', 'm', "offset along the machine's"),
         plain='ball stem deflection fixed in machine coordinates',
         meaning='A ball stands off by an amount that does not turn with the plate: its direction is fixed in the '
@@ -307,7 +307,7 @@ EFFECTS: dict[str, PhysicalEffect] = {one.name: one for one in (
         formula='c u or (a cos(m theta) + b sin(m theta)) u, theta the direction of the last move, u along, across '
                 'or z',
         source='ISO 10360-5 (probing error by direction)'),
-    PhysicalEffect('outlier', move.AlongTableFrame('reading', 'xyz'), of_ball.OneReading(),
+    PhysicalEffect('outlier', move.AlongTableFrame('machine', 'reading', 'xyz'), of_ball.OneReading(),
         Quantity('d', 'm', 'deviation along'),
         plain='single wrong reading', meaning='A single ball centre is wrong.',
         look='Dirt on the ball or stylus, a false trigger; measure that ball again.', formula='d for one reading',

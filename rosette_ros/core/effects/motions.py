@@ -31,7 +31,7 @@ HARMONICS = (2, 3, 4, 5)
 class FrameAxes(Motion):
     """The machine frame moves along one of its axes or all three; the probe moves relative to the table."""
 
-    body = 'frame'
+    body, stated = 'frame', 'machine'
     searched = (Searched('axes', '', 'which axes move: all three together or one alone'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
@@ -50,7 +50,7 @@ class FrameAxes(Motion):
 class TableTurn(Motion):
     """The table turns about its axis beside what its encoder shows: R e_t."""
 
-    body = 'table axis'
+    body, stated = 'table axis', 'table_zero'
     like = ('table or plate turning',)
 
     def direction(self, run: Run, part: Any) -> Floats:
@@ -63,7 +63,7 @@ class TableTurn(Motion):
 class AxisTilt(Motion):
     """The table axis tilts in the machine about x and about y: z at the ball per unit tilt."""
 
-    body = 'table axis'
+    body, stated = 'table axis', 'table_tilt'
     like = ('table axis tilting',)
     axes = 'xy'
 
@@ -77,7 +77,7 @@ class AxisTilt(Motion):
 class AxisShiftAndTilt(Motion):
     """The table axis moves radially, axially, by a tilt, or by all of them."""
 
-    body = 'table axis'
+    body, stated = 'table axis', 'bearing'
     searched = (Searched('motion', '', 'radial, axial, tilt, or all of them'),)
 
     def moved(self, setting: Setting) -> frozenset[str]:
@@ -109,7 +109,7 @@ class AxisShiftAndTilt(Motion):
 class TableAxial(Motion):
     """The table grows along its axis: z."""
 
-    body = 'table axis'
+    body, stated = 'table axis', 'bearing'
     like = ('frame',)
 
     def direction(self, run: Run, part: Any) -> Floats:
@@ -119,7 +119,7 @@ class TableAxial(Motion):
 class PlateSlide(Motion):
     """The plate slides on the table along its x and y."""
 
-    body = 'plate'
+    body, stated = 'plate', 'plate'
     axes = 'xy'
 
     def direction(self, run: Run, part: Any) -> Floats:
@@ -148,7 +148,7 @@ class PlateSlideAndTurn(PlateSlide):
 class PlateGrowth(Motion):
     """The plate grows: R e_r."""
 
-    body = 'plate'
+    body, stated = 'plate', 'plate'
     like = ('plate growing',)
 
     def direction(self, run: Run, part: Any) -> Floats:
@@ -164,7 +164,7 @@ class PlateOnSupports(Motion):
     That is a tilt theta, a lean h theta x e_z of the balls, which are h above the supports, and a shift along z.
     """
 
-    body = 'plate'
+    body, stated = 'plate', 'plate'
     like = ('plate tilting',)
     searched = (Searched('height', 'm', 'h, height of the balls above the supports, negative below', 'phase'),)
 
@@ -203,6 +203,7 @@ class PlateSaddle(Motion):
     """The plate warps in waves around it: cos(m beta) and sin(m beta) along z."""
 
     body, variables = 'plate', ('ball',)
+    stated = 'plate'
     searched = (Searched('order', '1', 'waves around the plate'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
@@ -224,7 +225,7 @@ class PlateSaddle(Motion):
 class PlateBending(Motion):
     """The plate bends along z, radially or tangentially."""
 
-    body = 'plate'
+    body, stated = 'plate', 'plate'
     searched = (Searched('part', '', 'along z, radial or tangential'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
@@ -245,7 +246,7 @@ class PlateBending(Motion):
 class BallInPlate(Motion):
     """A ball moves along the axes of the plate, with which it turns."""
 
-    body = 'ball'
+    body, stated = 'ball', 'plate'
     axes = 'xyz'
 
     def direction(self, run: Run, part: Any) -> Floats:
@@ -256,6 +257,7 @@ class BallInPlate(Motion):
 class AlongTableFrame(Motion):
     """A ball or a reading moves along axes of the table frame."""
 
+    stated: str
     body: str
     axes: str
 
@@ -266,7 +268,7 @@ class AlongTableFrame(Motion):
 class BallForm(Motion):
     """The centre of a ball moves with the place where it is touched, in waves of the table angle, in x, y and z."""
 
-    body = 'ball'
+    body, stated = 'ball', 'plate'
     searched = (Searched('ball', '1', 'number of the ball, 0 for all balls'),
                 Searched('harmonic', '1', 'm, waves per turn, 0 for m = 2 to 5 together'),
                 Searched('part', '', 'which part: in the plane (xy), along z, or both'))
@@ -303,7 +305,7 @@ def _harmonics(run: Run) -> list[int]:
 class CmmScales(Motion):
     """The scales of the two axes of the CMM across the table axis grow."""
 
-    body = 'CMM'
+    body, stated = 'CMM', 'machine'
     like = ('scales and squareness of the CMM',)
     axes = 'xy'  # of an upright table
 
@@ -318,7 +320,7 @@ class CmmScales(Motion):
 class CmmSquareness(Motion):
     """The angle between these two axes changes: along the first by the place along the second."""
 
-    body = 'CMM'
+    body, stated = 'CMM', 'machine'
     like = ('scales and squareness of the CMM',)
 
     def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
@@ -368,7 +370,7 @@ class CmmReversalByPosition(CmmReversal):
 class ProbeDeflection(Motion):
     """The ball centre moves along the last move of the CMM, across it, or along z."""
 
-    body = 'CMM'
+    body, stated = 'CMM', 'machine'
     like = ('frame',)
     searched = (Searched('lobes', '1', 'm, lobes of the probe around its axis'),
                 Searched('part', '', 'along the move, across it, or along z'),

@@ -224,8 +224,7 @@ def _linear(run: Run, effect: Effect, setting: Setting, size: int) -> list[Float
     raw = _columns(run, effect, setting)
     flat = raw[:, :size].reshape(len(raw), -1)
     if effect is FREE:
-        variance = FREE.course(run, setting)[1]
-        weight = np.sqrt(np.repeat(variance, len(raw) // len(variance)))
+        weight = np.sqrt(effect.variances(run, setting))
         mix = np.diag(weight / np.linalg.norm(weight[:, None] * flat))
     else:
         value, vector = np.linalg.eigh(flat @ flat.T)

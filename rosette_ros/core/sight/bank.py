@@ -276,9 +276,10 @@ class Bank:
                 q = part.m * which.shape[1]
                 if piece.key[1]:
                     pairs = zip(group.family[place], group.setting[place])
-                    variance = np.array([FREE.course(self.run, self.families[k].settings[j])[1] for k, j in pairs])
+                    variances = [self.families[k].effect.variances(self.run, self.families[k].settings[j])
+                                 for k, j in pairs]
                     sums = part.rows_of(square, wave, which)[..., 0]
-                    group.mix[place, :q] = scaled(sums, variance.reshape(len(wave), part.m))
+                    group.mix[place, :q] = scaled(sums, np.reshape(variances, (len(wave), q)))
                 else:
                     over = part.rows_of(mean, wave, which)
                     gram = part.gram(squares, wave, which) - over @ over.transpose(0, 2, 1)
@@ -372,8 +373,8 @@ def columns_of(family: CauseFamily, run: Run, setting: Setting) -> Floats:
     columns[:, :, at] = one.waves[wave][:, None, :, None] * one.directions[list(which)][None][:, :, at]
     flat = columns.reshape(-1, run.size, 3)
     centred = (flat - flat.mean(axis=1, keepdims=True)).reshape(len(flat), -1)
-    mix = (np.diag(scaled(np.sum(centred**2, axis=1)[None], FREE.course(run, setting)[1][None])[0]) if family.is_free
-           else orthonormal((centred @ centred.T)[None])[0])
+    mix = (np.diag(scaled(np.sum(centred**2, axis=1)[None], family.effect.variances(run, setting)[None])[0])
+           if family.is_free else orthonormal((centred @ centred.T)[None])[0])
     return np.asarray(np.tensordot(mix[np.abs(mix).max(axis=1) > 0], flat, axes=1))
 
 
@@ -408,8 +409,7 @@ def orthonormal(gram: Floats) -> Floats:
 
 
 def scaled(square: Reals, variance: Floats) -> Floats:
-    """Return the diagonal of T (b, q) that gives functions of square sums (b, q) the variances (b, m) of a process."""
+    """Return the diagonal of T (b, q) that gives columns of square sums (b, q) the prior variances (b, q)."""
     size = np.sqrt(np.maximum(square, 0))
-    wanted = np.sqrt(np.repeat(variance, square.shape[1] // variance.shape[1], axis=1))
     kept = size > 1e-6 * size.max(axis=1, keepdims=True)
-    return np.asarray(np.divide(wanted, size, out=np.zeros_like(size), where=kept))
+    return np.asarray(np.divide(np.sqrt(variance), size, out=np.zeros_like(size), where=kept))

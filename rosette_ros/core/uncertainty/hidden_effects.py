@@ -22,7 +22,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
 from rosette_ros.core.effects.library import EFFECTS, effects_of
 from rosette_ros.core.model.least_squares import HIDDEN, REFINED, Fit, observed
@@ -50,7 +49,6 @@ MATTERS = 1.2
 MOST_BALLS = 72
 """Larger plates would take minutes."""
 CLAIMED = 'effects in the model'
-_OF_BODY = {'table axis': 'bearing', 'plate': 'plate', 'ball': 'plate'}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +113,7 @@ class Surrounded:
 
 def kind_of(effect: PhysicalEffect) -> str:
     """Return to which of KINDS an effect belongs."""
-    if isinstance(effect.motion, move.TableTurn):
-        return 'table_zero'
-    return 'table_tilt' if isinstance(effect.motion, move.AxisTilt) else _OF_BODY.get(effect.body, 'machine')
+    return effect.motion.stated
 
 
 def at_ball(environment: Environment, run: Run) -> dict[str, float]:
