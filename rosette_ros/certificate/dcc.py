@@ -34,6 +34,10 @@ UNITS = {'m': r'\metre', 'rad': r'\radian', 'K': r'\kelvin', '1/K': r'\kelvin\to
 NEARLY_NORMAL = 0.945
 """Probability of U from which on its distribution is stated as normal: 29 degrees of freedom and more."""
 STATUS = {Conformity.CONFORMS: 'pass', Conformity.FAILS: 'fail'}
+CANONICAL = 'C14N 2.0'
+"""How the digest of the content is made, as a document states it; those of version 0.1 do not."""
+HINTS = [f'{{http://www.w3.org/2001/XMLSchema-instance}}{name}' for name in (
+    'schemaLocation', 'noNamespaceSchemaLocation')]
 Element = Any
 """What lxml makes; it is published without types."""
 _dcc = ElementMaker(namespace=DCC, nsmap={'dcc': DCC, 'si': SI})
@@ -55,12 +59,24 @@ def document(certificate: Certificate) -> Element:
     comment = etree.SubElement(root, f'{{{DCC}}}comment')
     etree.SubElement(comment, f'{{{OWN}}}inputs', nsmap={'rosette': OWN}).text = json.dumps(
         _inputs(certificate.inputs), ensure_ascii=False)
-    etree.SubElement(comment, f'{{{OWN}}}content', nsmap={'rosette': OWN}, sha256=content_digest(root))
+    etree.SubElement(comment, f'{{{OWN}}}content', nsmap={'rosette': OWN}, form=CANONICAL, sha256=content_digest(root))
     return root
 
 
 def content_digest(root: Element) -> str:
-    """Return the SHA-256, hex, of a document in canonical form, without the element that states it and white space."""
+    """Return the SHA-256, hex, of what a document says: Canonical XML 2.0 with prefixes and white space rewritten.
+
+    Another program may write the same elements with other prefixes; the element that states the digest is left out, as
+    are comments, instructions and hints where schemas lie."""
+    bare = copy.deepcopy(root)
+    etree.strip_tags(bare, etree.Comment, etree.PI)
+    text = etree.canonicalize(etree.tostring(bare, encoding='unicode'), strip_text=True, rewrite_prefixes=True,
+                              exclude_tags=[f'{{{OWN}}}content'], exclude_attrs=HINTS)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def earlier_digest(root: Element) -> str:
+    """Return the digest that version 0.1 stated: of Canonical XML 1.0, in which prefixes count."""
     bare = copy.deepcopy(root)
     for one in bare.findall(f'{{{DCC}}}comment/{{{OWN}}}content'):
         one.getparent().remove(one)

@@ -11,7 +11,17 @@ from typing import Any
 from lxml import etree
 
 from rosette_ros import __version__
-from rosette_ros.certificate.dcc import DCC, OWN, SI, Element, content_digest, document
+from rosette_ros.certificate.dcc import (
+    CANONICAL,
+    DCC,
+    HINTS,
+    OWN,
+    SI,
+    Element,
+    content_digest,
+    document,
+    earlier_digest,
+)
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.run.errors import InvalidData, RosetteError, one_line
 from rosette_ros.io.identity_file import Identity, format_identity, parse_identity
@@ -35,11 +45,13 @@ BAD = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, 
 class Verified:
     """A document that agrees with its run; largest: difference of a number, µm or µrad; is_signed: carries a signature.
 
-    programs: of the document where they are others than these, '' otherwise."""
+    programs: of the document where they are others than these, '' otherwise; is_earlier: whether an earlier version
+    made it, of which only numbers and data are compared."""
 
     largest: float
     is_signed: bool
     programs: str
+    is_earlier: bool = False
 
 
 def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) -> Verified:
@@ -50,7 +62,11 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
         root.remove(one)
     found, largest = list[str](), 0.0
     own = root.find(f'{{{DCC}}}comment/{{{OWN}}}content')
-    if own is None or own.get('sha256') != content_digest(root):
+    is_earlier = own is not None and own.get('form') != CANONICAL
+    if is_earlier and own.get('sha256') != earlier_digest(root):
+        found.append('an earlier version made it, whose own SHA-256 is of the XML as it was written: another program '
+                     'wrote it again, or its content was changed; take the file that was issued')
+    elif not is_earlier and (own is None or own.get('sha256') != content_digest(root)):
         found.append('its content was changed after it was made (its own SHA-256 differs)')
     try:
         inputs = inputs_of(root)
@@ -62,7 +78,7 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
         is_same = dict(inputs.programs).get('rosette_ros') == __version__
         for words, size in _differences(root, made, ''):
             largest = max(largest, size)
-            if words and (is_same or size):
+            if words and (size or (is_same and not is_earlier)):
                 found.append(words)
     except RosetteError as error:
         found.append(one_line(error).removeprefix('certificate: '))
@@ -72,7 +88,8 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
         more = f'; and {len(found) - MOST_TOLD} more' if len(found) > MOST_TOLD else ''
         raise InvalidData(f'{source}: wanted the certificate of {", ".join(map(str, paths))}, got another one: '
                           f'{"; ".join(found[:MOST_TOLD])}{more}')
-    return Verified(largest, bool(signatures), '' if is_same else ', '.join(map(' '.join, inputs.programs[:1])))
+    return Verified(largest, bool(signatures), '' if is_same else ', '.join(map(' '.join, inputs.programs[:1])),
+                    is_earlier)
 
 
 def parsed(data: bytes, source: str) -> Element:
@@ -90,8 +107,9 @@ def parsed(data: bytes, source: str) -> Element:
         raise InvalidData(f'{source}: wanted a DCC, got one with a document type or entities of its own')
     if root.tag != f'{{{DCC}}}digitalCalibrationCertificate':
         raise InvalidData(f'{source}: wanted a DCC, got the element {root.tag!r:.80}; {USE}')
-    if root.getprevious() is not None or root.getnext() is not None:
-        raise InvalidData(f'{source}: wanted nothing before and after the certificate, got a comment or an instruction')
+    etree.strip_tags(root, etree.Comment, etree.PI)
+    for name in HINTS:
+        root.attrib.pop(name, None)
     return root
 
 

@@ -122,6 +122,7 @@ def check(options: Namespace) -> None:
 def words_of(found: Verified, options: Namespace) -> str:
     """Return in words what was compared and what was not."""
     other = (f' It was made by {found.programs}: only its numbers and the hash are compared.' if found.programs else
+             ' An earlier version made it: only its numbers and the hash are compared.' if found.is_earlier else
              ' All that is in it follows from the run and from what it states itself.')
     signature = 'its signature is not checked here' if found.is_signed else 'it carries no signature'
     return (f'[green]{escape(options.verify)} is the certificate of {escape(", ".join(options.run_path))}[/]: the hash '

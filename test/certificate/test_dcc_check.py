@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import pytest
 from certificates import DAYS, FULL, KINDS, made, table
+from lxml import etree
 
 from rosette_ros.certificate import dcc_check
-from rosette_ros.certificate.dcc import to_xml
+from rosette_ros.certificate.dcc import earlier_digest, to_xml
 from rosette_ros.certificate.dcc_check import parsed, verify_certificate
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.run.errors import InvalidData
@@ -161,11 +162,35 @@ def test_what_is_no_certificate_is_refused(data, words):
     assert '\n' not in str(refused.value)
 
 
-def test_nothing_stands_beside_the_certificate():
-    """An instruction before it could make a browser show something else."""
-    data = made('clean')[2].replace(b'?>\n<dcc', b'?>\n<?xml-stylesheet href="x.xsl"?>\n<dcc', 1)
-    with pytest.raises(InvalidData, match='wanted nothing before and after the certificate'):
-        parsed(data, 'cert.xml')
+def test_what_another_library_writes_again_is_the_same():
+    """Other prefixes, a default namespace, attributes in another order, a stylesheet, comments, hints of schemas."""
+    sound = made('clean')[2]
+    own = re.sub(rb'(</?)dcc:', rb'\1', sound).replace(b'xmlns:dcc=', b'xmlns=')
+    assert b'<measurementResults>' in own
+    by_library = ET.tostring(ET.fromstring(sound))
+    assert b'<ns0:' in by_library
+    swapped = re.sub(rb'(<rosette:content)( xmlns:rosette="[^"]*")( form="[^"]*")( sha256="[^"]*")',
+                     rb'\1\4\3\2', sound)
+    assert swapped != sound
+    dressed = sound.replace(b'?>\n<dcc', b'?>\n<?xml-stylesheet href="x.xsl"?><!-- one -->\n<dcc', 1).replace(
+        b' schemaVersion=', b' xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="'
+        b'https://ptb.de/dcc x.xsd" schemaVersion=', 1).replace(b'<dcc:administrativeData>', b'<dcc:administrativeData><!-- two -->', 1)
+    for data in (own, by_library, swapped, dressed):
+        assert verified('clean', data) == dcc_check.Verified(0.0, False, '')
+        with pytest.raises(InvalidData, match='its content was changed after it was made'):
+            verified('clean', data.replace(b'T-0815', b'T-0816'))
+
+
+def test_a_certificate_of_an_earlier_version_is_told_as_such():
+    """Its digest counts prefixes: as it was issued it agrees, written again it is not called changed."""
+    root = etree.fromstring(made('clean')[2])
+    own = root.find('{*}comment/{*}content')
+    del own.attrib['form']
+    own.set('sha256', earlier_digest(root))
+    data = etree.tostring(root)
+    assert verified('clean', data) == dcc_check.Verified(0.0, False, '', is_earlier=True)
+    with pytest.raises(InvalidData, match='got another one: an earlier version made it, whose own SHA-256 is of the'):
+        verified('clean', ET.tostring(ET.fromstring(data)))
 
 
 def mutated(data, rng):
@@ -198,14 +223,16 @@ def test_changed_documents_are_refused_in_one_line(kind, share, monkeypatch):
     """Whatever is changed, and nothing but an InvalidData, but for what says the same in canonical form."""
     paths, certificate, sound = made(kind)
     rng, again = random.Random(1), functools.cache(lambda: state(paths, certificate.inputs))
-    same = ET.canonicalize(sound.decode(), strip_text=True)
+    same = dcc_check.content_digest(parsed(sound, 'sound'))
 
     def stated(given, inputs):  # the run is evaluated once, as long as it is to be evaluated alike
         return again() if replace(inputs, files={}) == certificate.inputs else state(given, inputs)
 
     def says_the_same(data):  # a comment, for one, says nothing
-        with contextlib.suppress(ET.ParseError, UnicodeDecodeError, ValueError):
-            return ET.canonicalize(data.decode(), strip_text=True) == same
+        with contextlib.suppress(InvalidData):
+            root = parsed(data, 'changed')
+            own = root.find('{*}comment/{*}content')
+            return own is not None and dcc_check.content_digest(root) == same == own.get('sha256')
         return False
     monkeypatch.setattr(dcc_check, 'state', stated)
     for _ in range(int(share * MUTATIONS)):
