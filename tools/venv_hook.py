@@ -55,7 +55,8 @@ def start_again() -> None:
         for entry in os.scandir(site_packages)
         if entry.name.startswith('ros_') and entry.name.endswith('.libs')
     )
-    sys.stdout.flush()
+    if sys.stdout:
+        sys.stdout.flush()
     os.execve(
         sys.executable,
         [sys.executable, *sys.orig_argv[1:]],

@@ -13,9 +13,11 @@ import rich.table
 from rich import box
 from rich.console import Console
 from rich.markup import escape
+from rich.segment import Segment
 
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.run.errors import visible
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.table.correction_check import CorrectionCheck
 from rosette_ros.io.reading_checks import Check
@@ -40,9 +42,17 @@ LONG = 24
 """Texts of more characters are wrapped."""
 
 
+class _Screen(Console):
+    """A console that lets no text control the terminal."""
+
+    def _render_buffer(self, buffer: Iterable[Segment]) -> str:
+        """Return the text of segments, those of the console's own control as they are."""
+        return super()._render_buffer(one if one.control else Segment(visible(one.text), one.style) for one in buffer)
+
+
 def console(file: IO[str] | None = None) -> Console:
     """Return a console on stdout (or `file`), without colour where it is no terminal."""
-    out = Console(file=file or sys.stdout, highlight=False, emoji=False, markup=True)
+    out = _Screen(file=file or sys.stdout, highlight=False, emoji=False, markup=True)
     if not out.is_terminal or out.width > WIDTH:
         out.width = WIDTH
     return out
@@ -137,7 +147,7 @@ def head(run: Run) -> str:
 def warn(run: Run) -> None:
     """Print what is wrong with the readings as a whole, a line each, on stderr: for output without a verdict."""
     for remark in run.remarks:
-        print(f'rosette: {remark_words(remark)}', file=sys.stderr)
+        print(visible(f'rosette: {remark_words(remark)}'), file=sys.stderr)
 
 
 def fit_rows(fit: Fit) -> list[tuple[str, str]]:

@@ -8,8 +8,10 @@ loads neither ROS nor the plotting library.
 
 import argparse
 import codecs
+import errno
 import gc
 import io
+import logging
 import os
 import shlex
 import shutil
@@ -26,7 +28,7 @@ from typing import Any, NoReturn, TypeAlias
 from rosette_ros import __version__
 from rosette_ros.cell.ending import ENDING
 from rosette_ros.cli.arguments import ENDS, UsageError, expand_home, keep_inputs, load
-from rosette_ros.core.run.errors import RosetteError, one_line, unknown_name
+from rosette_ros.core.run.errors import RosetteError, one_line, unknown_name, visible
 from rosette_ros.core.run.number_words import show_angles
 from rosette_ros.nodes.environment import check_middleware
 
@@ -81,6 +83,8 @@ Implementation: TypeAlias = tuple[Arguments, Carry] | Mapping[str, tuple[str, Ar
 """What a module of verbs has of one: its arguments and its function; or by word what it does, and the same of it."""
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
+CLOSED = 'wanted an output that can be written, got a closed one; leave out >&-'
+UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 PATIENCE = 3.0  # a signal that asks for the end ends a verb within this time, s
 
 
@@ -129,6 +133,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     program and leaves its traceback.
     """
     gc.set_threshold(FEWER_COLLECTIONS)
+    if logging.lastResort:
+        logging.lastResort.setFormatter(_Plain())
+    if sys.stdout is None:  # which `>&-` does
+        _print_error(f'stdout: {CLOSED}')
+        return EXIT_ERROR
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='signs')
@@ -141,7 +150,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal.set_wakeup_fd(tells)
         threading.Thread(target=_end_late, args=(told, ends), name='end', daemon=True).start()
     try:
-        options = parse(sys.argv[1:] if argv is None else list(argv))
+        try:
+            options = parse(sys.argv[1:] if argv is None else list(argv))
+        except SystemExit:  # after --help
+            sys.stdout.flush()
+            raise
         show_angles(vars(options).get('angle_unit', 'urad'))
         expand_home(options)
         keep_inputs(options)
@@ -153,16 +166,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         _print_error(str(interrupt) or 'interrupted')
         return next((128 + one for one in ends if signal.getsignal(one) is signal.SIG_IGN), EXIT_INTERRUPTED)
-    except BrokenPipeError:
-        # The reader of our output has closed it; nothing can be written, not even at exit.
+    except OSError as error:
+        if error.filename or error.errno not in UNWRITABLE:  # else of stdout: errors of files are met where they are
+            raise
+        if error.errno != errno.EPIPE:
+            _print_error(f'stdout: wanted an output that can be written, got: {error.strerror}; write elsewhere')
+        # Nothing can be written, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_OK
+        return EXIT_OK if error.errno == errno.EPIPE else EXIT_ERROR
     return EXIT_OK if code is None else code
+
+
+class _Plain(logging.Formatter):
+    """Warnings as they are, but for what would control a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return a warning as text."""
+        return visible(super().format(record))
 
 
 def _print_error(words: str) -> None:
     """Print why a command has failed on stderr, in one line; on a terminal where that does not fit, in several."""
-    lines = [f'rosette: {words}']
+    lines = [visible(f'rosette: {words}')]
     if sys.stderr.isatty() and len(lines[0]) > (width := shutil.get_terminal_size().columns):
         lines = error_lines(lines[0], width)
     print('\n'.join(lines), file=sys.stderr)

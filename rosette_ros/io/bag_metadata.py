@@ -306,16 +306,22 @@ def rest_words(end: int, size: int) -> str:
             'off, and read what they are by itself') if size > end else ''
 
 
+def _bare(name: str) -> str:
+    """Return the name of a file without the folders that it was in."""
+    return re.split(r'[/\\]', name)[-1]
+
+
 def read_bag_metadata(path: Path) -> BagListing:
     """Return the BagListing of a metadata.yaml.
 
-    Raises InvalidData where it is not one, or names files that are missing or outside its folder."""
+    A file is looked for beside it, wherever a path says that it was. Raises InvalidData where it is none, or names
+    files that are missing."""
     data = read_limited(path, 'a log description', MAX_BYTES)
     try:
         bag = load_plain(data.decode())[TOP_KEY]
         storage, names = bag.get('storage_identifier') or 'mcap', bag['relative_file_paths']  # else what the files are
         custom_data = _custom_data(bag)
-        messages = {path.parent / entry['path'].removesuffix('.zstd'): int(entry['message_count'])
+        messages = {path.parent / _bare(entry['path']).removesuffix('.zstd'): int(entry['message_count'])
                     for entry in bag.get('files') or ()}
     except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
@@ -324,8 +330,9 @@ def read_bag_metadata(path: Path) -> BagListing:
     if storage != 'mcap':
         raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; convert the log with '
                           '`ros2 bag convert`')
-    is_list = isinstance(names, list) and all(isinstance(name, str) and Path(name).name == name for name in names)
-    if not (is_list and names and len({*names}) == len(names)):
+    is_list = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    names = list(map(_bare, names)) if is_list else names
+    if not (is_list and names and all(names) and not {'.', '..'} & {*names} and len({*names}) == len(names)):
         raise InvalidData(f'{path}: relative_file_paths: wanted names of files in the same folder, got {names!r:.200}; '
                           'each is named once')
     files = tuple(path.parent / name.removesuffix('.zstd') for name in names)  # as they are when unpacked

@@ -59,9 +59,9 @@ def message_decoder(type_name: str, schema_text: str) -> Callable[[bytes], Simpl
                           f'{plain(printed.getvalue() or str(error), 200)}; the log was written wrongly') from error
 
     def decode(data: bytes) -> SimpleNamespace:
-        if data[:2] != b'\0\1':
+        if data[:2] not in (b'\0\0', b'\0\1'):
             got = data[:2].hex(' ') or 'nothing'
-            raise InvalidData(f'{type_name}: wanted little-endian CDR (00 01), got {got}')
+            raise InvalidData(f'{type_name}: wanted CDR (00 00 or 00 01), got {got}')
         if len(data) > most:
             raise InvalidData(f'{type_name}: wanted a message of at most {most} bytes, got {len(data)}')
         try:

@@ -14,7 +14,7 @@ from terminal import Terminal
 
 from rosette_ros import __version__
 from rosette_ros.cli import main as main_module
-from rosette_ros.cli.console import doing
+from rosette_ros.cli.console import console, doing
 from rosette_ros.cli.main import GROUPS, VERBS, error_lines, main
 
 SOURCE = 'this needs ROS 2: source the set-up file of ROS 2 and of the workspace'
@@ -219,3 +219,32 @@ def test_a_long_error_has_lines_on_a_terminal(rosette):
         assert screen.end() == 2
     assert screen.screen.count('\n') > 2
     assert screen.screen.split() == refused.err.replace('; ', ' ').split()
+
+
+@pytest.mark.parametrize('words', [('--help',), ('effects', '--json'),
+                                   ('plan', '--balls', '6', '--order', 'row', '--radius-mm', '100')])
+def test_an_output_that_is_full_or_closed_is_said(words):
+    """One line, exit 2: whoever reads the output later would miss what is not there."""
+    with open('/dev/full', 'w') as full:
+        made = subprocess.run([sys.executable, '-m', 'rosette_ros.cli.main', *words], stdout=full,
+                              stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (made.returncode, made.stderr) == (2, 'rosette: stdout: wanted an output that can be written, got: No space '
+                                              'left on device; write elsewhere\n')
+
+
+def test_a_closed_output_is_said(monkeypatch, capfd):
+    """As after >&-."""
+    monkeypatch.setattr(sys, 'stdout', None)
+    assert main(['--help']) == 2
+    assert capfd.readouterr().err == ('rosette: stdout: wanted an output that can be written, got a closed one; leave '
+                                      'out >&-\n')
+
+
+def test_nothing_that_is_read_controls_the_terminal(tmp_path, refused, capsys):
+    """Names of files and columns, runs and warnings: an escape is shown as a question mark."""
+    path = tmp_path / 'a\x1b]0;b\x07.csv'
+    path.write_text('a\x1b[31mRED,\x9b2J,\u202eb\n1,2,3\n')
+    line = refused('evaluate', path)
+    assert 'a?]0;b?.csv' in line and 'a?[31mRED,?2J,?b' in line and line.rstrip('\n').isprintable()
+    console().print(f'run {path.name}')
+    assert capsys.readouterr().out == 'run a?]0;b.csv\n'

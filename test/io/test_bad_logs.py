@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Logs that are empty, cut, damaged, foreign: one clear error, or what is whole."""
 
+import struct
+
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
@@ -11,6 +13,7 @@ from split_bag import split
 from rosette_ros.core.run.errors import InvalidData, RosetteError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter
+from rosette_ros.io.message_decoder import message_decoder
 from rosette_ros.io.open_run import open_run
 
 
@@ -110,8 +113,8 @@ def test_folders_that_are_no_log_are_refused_with_words(make_cell, tmp_path):
 
 
 @pytest.mark.parametrize(('key', 'value', 'words'), [
-    ('relative_file_paths', ['../other.mcap'], r'relative_file_paths: wanted names of files in '
-     r"the same folder, got \['../other.mcap'\]"),
+    ('relative_file_paths', ['../other.mcap'], 'names other.mcap, which is missing; put the file back'),
+    ('relative_file_paths', ['..'], r"relative_file_paths: wanted names of files in the same folder, got \['..'\]"),
     ('relative_file_paths', [], 'relative_file_paths: wanted names'),
     ('relative_file_paths', [3], 'relative_file_paths: wanted names'),
     ('storage_identifier', 'sqlite3', "storage_identifier: wanted mcap, got 'sqlite3'; convert"),
@@ -149,21 +152,41 @@ def test_damaged_chunk_is_told_and_the_others_are_read(make_cell, write_with_mca
     assert not log.truncated
 
 
-def test_big_endian_is_refused_with_words(make_cell, tmp_path):
-    """The fourth answer says 00 00: plain CDR, big endian."""
+def test_big_endian_is_read_and_other_encodings_are_refused(make_cell, tmp_path):
+    """The fourth answer says 00 02, a parameter list; 00 00 is plain CDR, big endian."""
     cell = make_cell()
 
     class Broken(LogWriter):
         def write(self, topic, data, *times):
             self.answers = getattr(self, 'answers', 0) + topic.endswith('ball_centre')
             if topic.endswith('ball_centre') and self.answers == 4:
-                data = b'\0\0' + data[2:]
+                data = b'\0\2' + data[2:]
             super().write(topic, data, *times)
 
     cell.write(tmp_path / 'log', writer=Broken)
     with pytest.raises(InvalidData, match=r'log_0.mcap: topic /rosette/ball_centre: message 4: '
-                       r'.*BallCentre: wanted little-endian CDR \(00 01\), got 00 00'):
+                       r'.*BallCentre: wanted CDR \(00 00 or 00 01\), got 00 02'):
         read_log(tmp_path / 'log')
+    decode = message_decoder('some_msgs/msg/Some', 'string name\nint32 count\nfloat64[] values')
+    for order, head in (('<', b'\0\1'), ('>', b'\0\0')):
+        body = struct.pack(f'{order}I3sxiI2d', 3, b'ab', -7, 2, 0.5, -1e300)
+        found = decode(head + b'\0\0' + body)
+        assert (found.name, found.count, list(found.values)) == ('ab', -7, [0.5, -1e300])
+
+
+@pytest.mark.parametrize('folder', ['', './', 'oldname/', '/home/op/bags/oldname/', '../', 'C:\\bags\\old\\'])
+def test_files_are_looked_for_beside_their_description(make_cell, tmp_path, folder):
+    """Wherever they were when they were recorded."""
+    make_cell().write(tmp_path / 'log')
+    path = tmp_path / 'log' / 'metadata.yaml'
+    bag = yaml.safe_load(path.read_text())
+    inside = bag['rosbag2_bagfile_information']
+    inside['relative_file_paths'] = [f'{folder}{name}' for name in inside['relative_file_paths']]
+    for entry in inside.get('files', ()):
+        entry['path'] = f'{folder}{entry["path"]}'
+    path.write_text(yaml.safe_dump(bag))
+    log = read_log(tmp_path / 'log')
+    assert log.answers and not log.problems
 
 
 def test_short_message_is_refused_with_words(make_cell, tmp_path):

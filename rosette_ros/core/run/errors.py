@@ -2,10 +2,12 @@
 """Errors that a user can mend: each says what was wanted, what came, where, and what to do."""
 
 import difflib
+import re
 from collections.abc import Collection, Mapping
 
 MOST_LISTED = 24
 """Names that an error lists; of more it says the nearest."""
+_CONTROL = re.compile('[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]')
 
 
 class RosetteError(Exception):
@@ -42,6 +44,11 @@ def plain(text: str, most: int = 500) -> str:
     if not kept.isprintable():
         kept = ''.join(letter if letter.isprintable() else ' ' for letter in kept)
     return ' '.join(kept.split())
+
+
+def visible(text: str) -> str:
+    """Return text for a terminal: what would control it, such as an escape in the name of a file, becomes '?'."""
+    return _CONTROL.sub('?', text)
 
 
 def unknown(name: str, known: Collection[str]) -> str:
