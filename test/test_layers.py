@@ -242,6 +242,21 @@ def test_parts_of_scipy_load_where_they_are_used():
     assert offenders(lambda path: scipy_imports(tree_of(path))) == {}
 
 
+def test_what_scipy_only_looks_at_is_not_loaded():
+    """Of numpy; whoever uses it gets it."""
+    script = ('import sys\n'
+              'from rosette_ros.core.model import least_squares\n'
+              'least_squares.scipy.special.ndtr(0.0), least_squares.scipy.linalg.lapack\n'
+              'unused = {"numpy.f2py.crackfortran", "numpy.testing._private.utils"}\n'
+              'assert not sys.modules.keys() & unused, sys.modules.keys() & unused\n'
+              'import numpy\n'
+              'from numpy.testing import assert_allclose\n'
+              'assert_allclose(1.0, 1.0)\n'
+              'assert callable(numpy.f2py.run_main) and unused <= sys.modules.keys()\n')
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_slow_parts_of_scipy_are_left_out():
     """One of them takes 0.35 s, a third of what `rosette evaluate` takes from its start."""
     assert offenders(lambda path: re.findall(r'scipy\.(?:signal|stats|ndimage)\b', path.read_text('utf-8'))) == {}

@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.numpy_parts import postpone_unused
+
+postpone_unused()
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
