@@ -25,6 +25,10 @@ OF_EVENT = {'order': '', 'seed': 0, 'options': ''}
 """Fields of the goal that a CalibrationEvent has too, and what they are where they are not set."""
 
 
+MOST_NAMES = 100
+"""Names of runs that are kept of a goal."""
+
+
 @dataclass(frozen=True)
 class Request:
     """Who asks for a calibration, by which interface, and the fields of the goal that are set, by name."""
@@ -48,9 +52,18 @@ class Request:
 
     @property
     def fields(self) -> str:
-        """The fields of the goal besides OF_EVENT, a plan and a plate, which stand in the settings, as YAML."""
-        own = {name: value for name, value in self.goal.items() if name not in (*OF_EVENT, 'plan', 'plate')}
+        """The fields of the goal besides OF_EVENT, a plan and a plate, which stand in the settings, as YAML.
+
+        Of what is longer than any of them can be, only the begin: to write it took the sequencer a minute."""
+        own = {name: _begin(value) for name, value in self.goal.items() if name not in (*OF_EVENT, 'plan', 'plate')}
         return yaml.safe_dump(own, sort_keys=False) if own else ''
+
+
+def _begin(value: Any) -> Any:
+    """Return at most so much of a field as settings may have: of a text, and of a list and each of its texts."""
+    if isinstance(value, list):
+        return [plain(one) for one in value[:MOST_NAMES]]
+    return value[:settings.MAX_OPTIONS] if isinstance(value, str) else value
 
 
 @dataclass(eq=False)

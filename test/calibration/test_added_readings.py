@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from sequences import LIMITS, RUN_ID, TAUGHT, answer_to, last_ask, results_of, run_through
 
 from rosette_ros.calibration.calibration_plan import BLOCK, block_of, plan_calibration
@@ -162,6 +163,14 @@ def test_a_plate_has_a_largest_size():
     with pytest.raises(InvalidPlan, match='^until: wanted at most 72 balls, got 73: '):
         make_job(Request('calibrate', {'until_probability': 0.95}), values, ())
     make_job(Request('calibrate'), values, ())
+
+
+def test_fields_of_a_goal_are_bounded():
+    """5 MB of one took the sequencer 28 s, 20 MB more than a minute: the event has the begin of each."""
+    request = Request('calibrate', {'resume': 'x' * 5_000_000, 'joint_with': ['y' * 100_000] * 200, 'balls': 6})
+    assert len(request.fields) < 100_000
+    found = yaml.safe_load(request.fields)
+    assert found['resume'] == 'x' * 10_000 and len(found['joint_with']) == 100 and found['balls'] == 6
 
 
 def test_blocks_are_measured_until_nothing_is_open():

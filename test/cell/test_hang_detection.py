@@ -2,10 +2,12 @@
 """Nodes whose processes live and publish no status: found, ended, restarted; a run goes on."""
 
 import signal
+import time
 from types import SimpleNamespace
 
 import pytest
 
+from rosette_ros.cell.client import _DISCONNECTED as DISCONNECTED
 from rosette_ros.cell.client import CellClient, HangDetector
 from rosette_ros.core.run.errors import CellError
 from rosette_ros.io.log_reader import read_log
@@ -61,6 +63,33 @@ def test_a_run_goes_on_when_its_recorder_and_evaluator_hang(cell_of, domain_id, 
                          'was ended by SIGKILL' for name, popen in stopped.items()}
         assert outcome.log.name.endswith('_part2')
         assert read_log(outcome.log).to_run().size == N * N
+
+
+def test_a_run_of_a_cell_that_was_suspended_goes_on(cell_of, domain_id):
+    """All nodes, until they have left the graph: their client gave up after 3 s, and advised to resume what runs."""
+    stopped, gone = [], []
+    with cell_of(N, params={'cmm': {'answer_s': 0.1}}) as cell, CellClient(domain_id) as client:
+
+        def tell(number):
+            for process in cell.processes.values():
+                process.popen.send_signal(number)
+
+        def look(progress):
+            if progress.done >= SILENT and not stopped:
+                stopped.append(True)
+                tell(signal.SIGSTOP)
+
+        def wake():
+            if stopped and not gone and not client._action.server_is_ready():
+                gone.append(time.monotonic())
+            if gone and gone[0] and time.monotonic() - gone[0] > 2 * DISCONNECTED:
+                gone[0] = 0.0
+                tell(signal.SIGCONT)
+
+        outcome = client.calibrate(on_progress=look, check=wake)
+        assert stopped and gone == [0.0]
+    assert outcome.success, outcome.message
+    assert read_log(outcome.log).to_run().size == N * N
 
 
 def test_what_is_refused_names_nodes_that_hang(cell_of, domain_id, wait_until):
