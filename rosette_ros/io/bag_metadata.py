@@ -7,7 +7,7 @@ record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp."""
 import re
 import shlex
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,7 @@ import yaml
 
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.safe_yaml import BAD_VALUE, PlainDumper, load_plain
-from rosette_ros.io.text_file import is_regular, read_limited, reading, replace_file
+from rosette_ros.io.text_file import is_regular, read_limited, replace_file
 
 VERSION = 9
 FILE_NAME = 'metadata.yaml'
@@ -188,59 +188,6 @@ class BagListing:
     messages: dict[Path, int] = field(default_factory=dict)
 
 
-def find_files(path: str | Path, is_log: Callable[[Path], bool] | None = None) -> BagListing:
-    """Return the BagListing of a log directory or of one .mcap file; is_log: as of `runs_in`.
-
-    Raises InvalidData where there is none, or metadata.yaml is none or names a file that is missing."""
-    path = Path(path)
-    with reading(path, 'a log'):
-        if path.is_file():
-            return BagListing((path,))
-        if not path.is_dir():
-            raise InvalidData(f'{path}: wanted a log directory or an .mcap file, got '
-                              f'{"a device or a pipe" if path.exists() else "nothing there; check the path"}')
-        if not holds_log(path):
-            if not (inside := runs_in(path, is_log)):
-                for one in sorted(filter(is_regular, path.iterdir())):
-                    with open(one, 'rb') as stream:
-                        refuse_other(one, stream.read(512))
-                raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
-            raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
-                              f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
-        if packed := packed_in(path):
-            raise packed_error(packed)
-        if is_regular(path / FILE_NAME):
-            return read_bag_metadata(path / FILE_NAME)
-        found = files_in(path)
-        numbers = [_numbered(one.name)[1] for one in found]
-        lost = sorted({*range(numbers[0], numbers[-1])} - {*numbers})  # the oldest may be gone, which is no loss
-        return BagListing(found, problems=tuple(f'{path}: {_numbered(found[0].name)[0]}_{number}.mcap is missing; put '
-                                                'it back' for number in lost[:MOST_LOST]))
-
-
-def runs_in(folder: str | Path, is_log: Callable[[Path], bool] | None = None) -> list[Path]:
-    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read.
-
-    is_log: whether a folder is one log (default: by the names of its files); its files are no runs then."""
-    judged = is_log or holds_log
-    with reading(folder, 'a folder of runs'):
-        found = [path for path in Path(folder).iterdir() if _is_run(path, judged)]
-        parts = [path for path in found if path.suffix == '.mcap' and path.is_file()]
-        if len(parts) > 1 and judged(Path(folder)):
-            found = [Path(folder), *(path for path in found if path not in parts)]
-        return sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
-
-
-def _is_run(path: Path, is_log: Callable[[Path], bool]) -> bool:
-    """Return whether a name in a folder is that of a log or a table, sound or not; a link without an end is none."""
-    try:
-        if is_hidden(path.name):
-            return False
-        return is_log(path) if path.is_dir() else path.suffix in ('.mcap', '.csv') and is_regular(path)
-    except OSError:  # a folder of somebody else
-        return False
-
-
 def is_hidden(name: str) -> bool:
     """Return whether a file or folder is none that a person has put there: hidden, of macOS or a NAS, in the trash."""
     return name.casefold().startswith(('.', '$recycle.bin', '__macosx', '#recycle', '@recycle', '@eadir'))
@@ -249,16 +196,16 @@ def is_hidden(name: str) -> bool:
 def is_one_log(names: Iterable[str]) -> bool:
     """Return whether files in a folder are one log: they are described, a single one, or numbered as rosbag2 does."""
     names = list(names)
-    return FILE_NAME in names or len({_numbered(name)[0] for name in names if name.endswith('.mcap')}) == 1
+    return FILE_NAME in names or len({numbered(name)[0] for name in names if name.endswith('.mcap')}) == 1
 
 
-def holds_log(directory: Path) -> bool:
-    """Return whether a folder is one log, sound or not, compressed or not."""
+def is_named_as_log(directory: Path) -> bool:
+    """Return whether a folder is one log by the names of its files, sound or not, compressed or not."""
     names = [one.name for one in files_in(directory)] + [one.stem for one in packed_in(directory)]
     return is_one_log([*names, *([FILE_NAME] if (directory / FILE_NAME).is_file() else [])])
 
 
-def _numbered(name: str) -> tuple[str, int]:
+def numbered(name: str) -> tuple[str, int]:
     """Return the name of a file without its number, and that: `x_12.mcap`: x and 12; `x_000001` and times have none."""
     match = re.fullmatch(r'(.*)_(0|[1-9]\d{0,4})', Path(name).stem)
     return (match[1], int(match[2])) if match else (Path(name).stem, 0)
@@ -266,7 +213,7 @@ def _numbered(name: str) -> tuple[str, int]:
 
 def files_in(directory: Path) -> tuple[Path, ...]:
     """Return the .mcap files in a directory, `<name>_<number>.mcap` in the order of their numbers."""
-    return tuple(sorted(_shown(directory, '*.mcap'), key=lambda path: _numbered(path.name)))
+    return tuple(sorted(_shown(directory, '*.mcap'), key=lambda path: numbered(path.name)))
 
 
 def packed_in(directory: Path) -> list[Path]:

@@ -32,7 +32,7 @@ from rosette_ros.io import log_run
 from rosette_ros.io.log_run import RECORDS, TF_MESSAGE, LogRun
 from rosette_ros.io.message_decoder import message_decoder
 from rosette_ros.io.safe_yaml import BAD_VALUE
-from rosette_ros.io.text_file import reading, regular
+from rosette_ros.io.text_file import is_regular, reading, regular
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD = 1 << 25  # larger records and chunks are not read, bytes
@@ -309,27 +309,70 @@ def _uncompressed(data: bytes, compression: str, size: int) -> bytes:
 
 
 def find_files(path: str | Path) -> bag.BagListing:
-    """Return the BagListing of a log, in one file or in parts; raises as bag_metadata.find_files."""
+    """Return the BagListing of a log directory, in one file or in parts, or of one .mcap file.
+
+    Raises InvalidData where there is none, or metadata.yaml is none or names a file that is missing."""
+    path = Path(path)
     with reading(path, 'a log'):
-        parts = _parts_in(Path(path))
-    return bag.BagListing(parts) if parts else bag.find_files(path, holds_log)
+        if path.is_file():
+            return bag.BagListing((path,))
+        if not path.is_dir():
+            raise InvalidData(f'{path}: wanted a log directory or an .mcap file, got '
+                              f'{"a device or a pipe" if path.exists() else "nothing there; check the path"}')
+        if parts := _parts_in(path):
+            return bag.BagListing(parts)
+        if not bag.is_named_as_log(path):
+            if not (inside := runs_in(path)):
+                for one in sorted(filter(is_regular, path.iterdir())):
+                    with open(one, 'rb') as stream:
+                        bag.refuse_other(one, stream.read(512))
+                raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
+            raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
+                              f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
+        if packed := bag.packed_in(path):
+            raise bag.packed_error(packed)
+        if is_regular(path / bag.FILE_NAME):
+            return bag.read_bag_metadata(path / bag.FILE_NAME)
+        found = bag.files_in(path)
+        numbers = [bag.numbered(one.name)[1] for one in found]
+        lost = sorted({*range(numbers[0], numbers[-1])} - {*numbers})  # the oldest may be gone, which is no loss
+        return bag.BagListing(found, problems=tuple(
+            f'{path}: {bag.numbered(found[0].name)[0]}_{number}.mcap is missing; put it back'
+            for number in lost[:bag.MOST_LOST]))
 
 
 def holds_log(directory: Path) -> bool:
     """Return whether a folder is one log, by the names of its files or by what these hold."""
-    return bag.holds_log(directory) or bool(_parts_in(directory))
+    return bag.is_named_as_log(directory) or bool(_parts_in(directory))
 
 
 def runs_in(folder: str | Path) -> list[Path]:
-    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read."""
-    return bag.runs_in(folder, holds_log)
+    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read.
+
+    The files of a folder that is one log are no runs."""
+    with reading(folder, 'a folder of runs'):
+        found = [path for path in Path(folder).iterdir() if _is_run(path)]
+        parts = [path for path in found if path.suffix == '.mcap' and path.is_file()]
+        if len(parts) > 1 and holds_log(Path(folder)):
+            found = [Path(folder), *(path for path in found if path not in parts)]
+        return sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
+
+
+def _is_run(path: Path) -> bool:
+    """Return whether a name in a folder is that of a log or a table, sound or not; a link without an end is none."""
+    try:
+        if bag.is_hidden(path.name):
+            return False
+        return holds_log(path) if path.is_dir() else path.suffix in ('.mcap', '.csv') and is_regular(path)
+    except OSError:  # a folder of somebody else
+        return False
 
 
 def _parts_in(directory: Path) -> tuple[Path, ...]:
     """Return the files of a log that their names do not make one, but that are of one run and follow each other."""
     logs, runs = list[LogRun](), set[str]()
     with contextlib.suppress(InvalidData):
-        for file in bag.files_in(directory) if directory.is_dir() and not bag.holds_log(directory) else ():
+        for file in bag.files_in(directory) if directory.is_dir() and not bag.is_named_as_log(directory) else ():
             logs.append(read_log(file))
             runs |= {*logs[-1].runs, *(state.run_id for state in logs[-1].states)}
             if len(runs) != 1:

@@ -18,8 +18,8 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.run.errors import CellError, InvalidData, RosetteError
-from rosette_ros.io.bag_metadata import Qos, find_files
-from rosette_ros.io.log_reader import MAGIC, LoggedMessage, iter_log
+from rosette_ros.io.bag_metadata import Qos
+from rosette_ros.io.log_reader import MAGIC, LoggedMessage, find_files, iter_log
 from rosette_ros.io.log_writer import COMPRESSIONS, LogWriter
 from rosette_ros.io.messages import answer_of, nanoseconds, phase_name, table_frame_of, target_of
 from rosette_ros.io.run_answers import RunAnswers
