@@ -227,6 +227,40 @@ def test_layers_without_ros_import_where_ros_is_not():
     assert done.returncode == 0, done.stderr
 
 
+LOOKS_INTO = frozenset(('startswith', 'endswith', 'partition', 'rpartition', 'find', 'index', 'match', 'fullmatch',
+                        'search'))
+"""Functions that look for a text in another one."""
+SENTENCE = re.compile(r"[A-Za-z]+ [A-Za-z]+ [A-Za-z]+")
+"""Three words: a name has two at most."""
+
+
+def sentences(trees):
+    """Return the names of constants of files that are words of a sentence."""
+    return {target.id for tree in trees for node in tree.body if isinstance(node, ast.Assign)
+            for name, value in [(node.targets[0], node.value)]
+            for target, text in (zip(name.elts, value.elts) if isinstance(name, ast.Tuple) and isinstance(
+                value, ast.Tuple) else [(name, value)])
+            if isinstance(target, ast.Name) and isinstance(text, ast.Constant) and SENTENCE.search(str(text.value))}
+
+
+def decided_by_sentences(tree, known):
+    """Return the lines that compare a text with words of a sentence, or look for these; known: constants of such."""
+    def is_sentence(node):
+        return ((isinstance(node, ast.Constant) and isinstance(node.value, str) and bool(SENTENCE.search(node.value)))
+                or (isinstance(node, ast.JoinedStr) and any(map(is_sentence, node.values)))
+                or (isinstance(node, ast.Name) and node.id in known))
+    asked = [(node.lineno, [*node.comparators, node.left]) for node in ast.walk(tree) if isinstance(node, ast.Compare)]
+    asked += [(node.lineno, node.args) for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(
+        node.func, ast.Attribute) and node.func.attr in LOOKS_INTO]
+    return sorted({line for line, others in asked if any(map(is_sentence, others))})
+
+
+def test_nothing_is_decided_by_a_sentence():
+    """Below the nodes, where what was found is a record; a message may carry no more than words."""
+    known = sentences(map(tree_of, FILES))
+    assert offenders(lambda path: decided_by_sentences(tree_of(path), known), *WITHOUT_ROS) == {}
+
+
 def test_who_fits_no_model_starts_without_the_parts_of_scipy():
     """They take half of the time of importing a node, and a cell has four of them."""
     script = ('import importlib, sys\n'
@@ -311,6 +345,9 @@ def test_every_module_is_used_by_the_package():
     (outside_of_core, 'import rich, time\nprint(1)', ['print', 'rich', 'time']),
     (nested_imports, 'def f():\n    import os', [2]),
     (scipy_imports, 'import scipy\nfrom scipy import special\nimport scipy.linalg', ['scipy.linalg', 'scipy.special']),
+    (lambda tree: decided_by_sentences(tree, sentences([tree])), "A = 'a b'\nB, C = 'is rounded to', 1\n"
+     "d = x.startswith(B)\ne = 'are in doubt' in x\nf = x.endswith(A)\ng = x == f'{x} and so on'\nh = x.find('mm')",
+     [3, 4, 6]),
     (mcap_imports, 'import mcap_ros2.writer\nfrom mcap.reader import x\nimport mcapx',
      ['mcap.reader', 'mcap.reader.x', 'mcap_ros2.writer']),
     (lambda tree: repeated(classes(tree)), 'class A: pass\nclass B: pass\nclass A: pass', ['A']),

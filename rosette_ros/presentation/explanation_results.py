@@ -3,11 +3,10 @@
 
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.presentation.formatting import before_after
 from rosette_ros.presentation.table_format import Column, Table, column, words
-from rosette_ros.words.effect_words import MEANINGS, fixed
-from rosette_ros.words.verdict_words import chance, does_words, laws_words, moves_words
+from rosette_ros.words.effect_words import MEANINGS, fixed, plain_name, words_of
+from rosette_ros.words.verdict_words import chance, does_words, kind_words, laws_words, member_words, moves_words
 
 
 def causes(verdict: Verdict) -> Table:
@@ -16,7 +15,7 @@ def causes(verdict: Verdict) -> Table:
     looks = [MEANINGS[one.name].look if one.name in MEANINGS else '' for one in every]
     return Table('causes', 'Causes, the one that explains most first', (
         column('probability', 'probability', [one.probability for one in every], chance),
-        words('moves', 'what moves, with what', map(moves_words, every)),
+        words('moves', 'moving body, correlated with', map(moves_words, every)),
         column('effect', '', [one.name for one in every]),
         words('cause', 'likeliest law', [laws_words(one.cause, 1) if one.cause and one.depth else '' for one in every]),
         words('does', 'size', map(does_words, every)),
@@ -31,7 +30,7 @@ def explanations(found: Diagnosis) -> Table:
     every = found.explanations
     probability = tuple(one.probability for one in every)
     members = tuple(' and '.join(map(_words, one.members)) or 'nothing is missing' for one in every)
-    noise = tuple(' and '.join(map(_noise_words, one.noise)) or 'white and equal' for one in every)
+    noise = tuple(' and '.join(map(kind_words, one.noise)) or 'white and equal' for one in every)
     return Table('explanations', 'Explanations, the likeliest first', (
         Column('probability', 'probability', probability, tuple(fixed(100 * p, places=1) for p in probability), '%'),
         Column('members', 'what is missing', members, members, number=False),
@@ -39,10 +38,4 @@ def explanations(found: Diagnosis) -> Table:
 
 
 def _words(name: str) -> str:
-    return f'{EFFECTS[name].plain} ({name})' if name in EFFECTS else f'a motion with {name}, without a name'
-
-
-def _noise_words(kind: str) -> str:
-    return {'z': 'unequal scatter in z', 'axis': 'unequal scatter of the axes', 'wander': 'random drift of the frame',
-            'reading': 'heavy tails of readings', 'coordinate': 'heavy tails of coordinates'}.get(
-        kind, f'scatter differs by {kind}')
+    return words_of(name) if plain_name(name) else member_words(name)

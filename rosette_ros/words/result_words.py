@@ -15,7 +15,7 @@ from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.run.number_words import micrometres, multiple, p_words
 from rosette_ros.core.run.records import UNLIKELY
 from rosette_ros.words.effect_words import capital, names, title_of
-from rosette_ros.words.verdict_words import noise_words, unseen_words
+from rosette_ros.words.verdict_words import noise_kind, noise_words, unseen_sentences
 
 DOES_NOT_FIT = 'The model does not fit: the residual is more than noise.'
 """Of a model that lacks something, without what it lacks, which a diagnosis names."""
@@ -45,7 +45,7 @@ def conclusion_text(conclusion: Conclusion) -> ConclusionText:
                                'Find out why these differ between the runs.'),
         JointOutcome.UNKNOWN: (f'Whether one model fits cannot be said, as the repeatability is not known; {residual}.',
                                'Measure the repeatability before the run.'),
-        JointOutcome.FITS: (f'{who} fit{s} one model{unseen_words(conclusion.unseen)}: {residual}.',
+        JointOutcome.FITS: (' '.join([f'{who} fit{s} one model: {residual}.', *unseen_sentences(conclusion.unseen)]),
                             'State the environment of the cell (--environment).' if conclusion.lacks_environment
                             else 'Nothing needs to be done.')}[conclusion.outcome]
     return ConclusionText(conclusion.level, sentence, action)
@@ -73,8 +73,9 @@ def check_words(check: CrossCheck) -> str:
     if check.carried is not None:
         parts.append('With the amplitudes of the first run and nothing fitted, the residual is '
                      f'{micrometres(check.carried.rms)}.')
-    if words := '; '.join(noise_words(noise_facts(check.after))):
-        parts.append(f'The noise of this run is not white and equal, which is taken into account: {words}.')
+    if (noise := noise_facts(check.after)).is_other:
+        parts.append(f'The noise of this run is {noise_kind(noise)}, which is taken into account: '
+                     f'{"; ".join(noise_words(noise))}.')
     return ' '.join(parts) or 'No effect was found in the first run, so there is nothing to check.'
 
 

@@ -4,9 +4,9 @@
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.run.errors import counted
-from rosette_ros.words.effect_words import capital, names, title_of
+from rosette_ros.words.effect_words import capital, names
+from rosette_ros.words.verdict_words import member_words
 
 if TYPE_CHECKING:  # who shows what was found starts without the least squares
     from rosette_ros.core.diagnosis.posterior import Explanation
@@ -19,8 +19,7 @@ NOTHING_TO_DO = 'Nothing more has to be measured.'
 def contender_words(one: 'Explanation', other: 'Explanation | None' = None) -> str:
     """Return what an explanation has beyond another one, in words: 'a warm-up of the frame', 'no further effect'."""
     own = Counter(one.members) - Counter(other.members if other else ())
-    words = [title_of(name) if name in EFFECTS else f'something with {name}' for name in own.elements()]
-    return names(words) if words else NOTHING
+    return names(map(member_words, own.elements())) if own else NOTHING
 
 
 def pair_words(pair: 'Separation', between: str) -> str:
@@ -61,12 +60,12 @@ def block_words(found: 'NextReadings') -> str:
 
 
 def hopeless_words(found: 'NextReadings') -> str:
-    """Return why no block helps, '' where one does: 'no reading of this cell separates A from B, not even ...'."""
+    """Return why no block helps, '' where one does: 'further readings of this cell cannot distinguish A from B'."""
     if not found.is_hopeless:
         return ''
     if (pair := found.separates) is None:
-        return f'no reading of this cell lowers U, {1e6 * found.uncertainty:.3g} µm, any further'
-    return f'no reading of this cell separates {pair_words(pair, "from")}, not even as many again'
+        return f'further readings of this cell do not lower U, {1e6 * found.uncertainty:.3g} µm'
+    return f'further readings of this cell cannot distinguish {pair_words(pair, "from")}'
 
 
 def standing_words(found: 'NextReadings') -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import isnan
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
-from rosette_ros.core.diagnosis.limits import LISTED
+from rosette_ros.core.diagnosis.limits import LISTED, SURE
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
 from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict, VerdictText
 from rosette_ros.core.diagnosis.wrong_readings import WRONG, WrongReading
@@ -14,7 +14,7 @@ from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.core.model.noise import Group
-from rosette_ros.core.run.number_words import SCALES, micrometres, multiple, p_words
+from rosette_ros.core.run.number_words import SCALES, micrometres, multiple, p_words, significant
 from rosette_ros.core.run.records import SI_UNITS
 from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Unseen
@@ -25,6 +25,7 @@ from rosette_ros.words.effect_words import (
     fixed,
     minutes_words,
     names,
+    plain_name,
     scale_of,
     setting_words,
     title_of,
@@ -77,6 +78,10 @@ MOST_OF_U = 0.5
 """Share of a variance from which on it is most of it."""
 MOST_LAWS = 3
 """Laws of a cause that are said at most."""
+MOST_SETS = 3
+"""Sets of variables that are said to drive one motion."""
+NOT_IN_LIBRARY = 'not in the library'
+"""Of a law that no entry of the library is, in every sentence."""
 SAID_ELSEWHERE = ('axes', 'ball', 'reading', 't0', 't1')
 _ALONG = re.compile(r'(\w+) along (its )?(.+)')
 
@@ -101,7 +106,7 @@ def titles(every: Iterable[str]) -> str:
 def unexplained_words(verdict: Verdict) -> str:
     """Return what no named effect explains, empty where nothing is left."""
     return '; '.join(map(unnamed_words, verdict.unnamed)) or (
-        _against_repeatability(verdict.after) if verdict.unexplained and verdict.after else '')
+        _against_repeatability(verdict.after, verdict.noise) if verdict.unexplained and verdict.after else '')
 
 
 def unnamed_words(one: MissingEffect) -> str:
@@ -114,10 +119,30 @@ def unnamed_words(one: MissingEffect) -> str:
         moves = f'moves {body} {f"along its {along[3]}" if along[2] else f"in {along[3]}"}'
     else:
         moves = MOTIONS.get(one.motion, f'moves ({one.motion})')
-    sets = [(some - {'ball'} or some) if ball else some for some in one.driven_by]
-    first, *others = dict.fromkeys(names(VARIABLES.get(name, name) for name in sorted(some)) for some in sets)
-    instead = f' (or with {", or with ".join(others)}: this run cannot tell which)' if others else ''
-    return f'something {moves} with {first}{instead}; the library has no name for it'
+    return f'something {moves} {_driven_words(one.cause, own=("ball",) if ball else ())}; its law is {NOT_IN_LIBRARY}'
+
+
+def _driven_words(cause: Cause | None, own: Sequence[str]) -> str:
+    """Return with what something moves, but for what it is itself, `own`: what is correlated with a variable in a
+    bracket, then other sets of variables.
+
+    'with time (correlated with it here: the number of readings)', 'with time, or with the table angle'."""
+    variables, others = (cause.variables, cause.or_with) if cause else ((), ())
+    sets = [*map(_with_words, others[:MOST_SETS - 1])]
+    more = len(others) - len(sets)
+    said = [_in_words(first) + (f' (correlated with it here: {names(map(_in_words, alike))})' if alike else '')
+            for first, *alike in variables if first not in own]
+    first = f'with {names(said)}' if said else 'by a constant amount'
+    return ', or '.join([first, *sets, *[f'with one of {more} other sets of variables'] * (more > 0)])
+
+
+def member_words(name: str) -> str:
+    """Return a member of an explanation: an effect by its title, else by the variables with which something moves."""
+    return plain_name(name) or f'a motion with {_in_words(name)} that is {NOT_IN_LIBRARY}'
+
+
+def _in_words(variable: str) -> str:
+    return VARIABLES.get(variable, variable)
 
 
 def _sentences(verdict: Verdict) -> list[str]:
@@ -125,15 +150,16 @@ def _sentences(verdict: Verdict) -> list[str]:
     if verdict.too_large:
         out.append(f'The stated repeatability is {multiple(verdict.too_large)} times what the readings show, so '
                    'uncertainties based on it are too large.')
-    if words := noise_words(verdict.noise):
-        out.append(f'The noise is not white and equal: {"; ".join(words)}.')
+    if verdict.noise.is_other:
+        out.append(f'The noise is {noise_kind(verdict.noise)}: {"; ".join(noise_words(verdict.noise))}.')
     if verdict.step and verdict.after:
         share = 100 * (verdict.step / verdict.after.rms)**2 / 12
         out.append(f'The readings are rounded to {micrometres(verdict.step)}, which accounts for {share:.0f} % of the '
                    'variance of the residual.')
-    if verdict.doubtful:
-        likely = names(f'{title_of(name)} ({chance(p)})' for name, p in verdict.doubtful)
-        out.append(f'Possible, but not certain: {likely}.')
+    beside = [one for one in verdict.doubtful if one[1] >= SURE and (verdict.missing or verdict.unnamed)]
+    out += [f'{lead}: {names(f"{title_of(name)} ({chance(p)})" for name, p in some)}.' for lead, some in (
+        ('Not added to the model, as it may be a part of the motion above', beside),
+        ('Possible, but not certain', [one for one in verdict.doubtful if one not in beside])) if some]
     if not verdict.has_motions:
         out.append('The model has no error motions of the table: their curves are zero by assumption.')
     if (one := verdict.unseen) and one.environment and one.share > MOST_OF_U:
@@ -159,31 +185,34 @@ def _outcome(verdict: Verdict) -> list[str]:
             what = capital('; '.join(dict.fromkeys(map(missing_words, verdict.missing))))
             lacks = (f'{what}. With {it} the residual standard deviation falls from {micrometres(before.rms)} to '
                      f'{micrometres(after.rms)}{known}.')
-            scatters = [f'Even with {it}, the readings scatter more than stated: {_against_repeatability(after)}.'] * (
-                after.scatters and not verdict.unnamed)
+            scatters = [f'Even with {it}, the readings scatter more than stated: '
+                        f'{_against_repeatability(after, verdict.noise)}.'] * (after.scatters and not verdict.unnamed)
             return [lacks, *_unnamed_sentences(verdict.unnamed), *scatters, *basis]
         case Outcome.UNNAMED | Outcome.SUSPECTED:
             return [*_unnamed_sentences(verdict.unnamed), *basis]
         case Outcome.SCATTERS:
-            return [f'The readings scatter more than stated: {_against_repeatability(after)}.']
+            return [f'The readings scatter more than stated: {_against_repeatability(after, verdict.noise)}.']
         case Outcome.NO_REPEATABILITY:
-            return ['Whether the model fits cannot be said, as the repeatability is not known; the residual of '
-                    f'{micrometres(before.rms)} shows no structure.']
+            shows = 'is' if verdict.noise.is_correlated else 'shows no structure and is'
+            return ['Whether the model fits cannot be said, as the repeatability is not known; the residual '
+                    f'{shows} {micrometres(before.rms)}.']
         case Outcome.DOUBTFUL_READINGS:
-            return [f'The model fits: {_against_repeatability(before)}. The readings themselves are in doubt.']
-    return [f'The model fits{unseen_words(verdict.unseen)}: {_against_repeatability(before)}.']
+            return [f'The model fits: {_against_repeatability(before, verdict.noise)}. The readings themselves are in '
+                    'doubt.']
+    return [f'The model fits: {_against_repeatability(before, verdict.noise)}.', *unseen_sentences(verdict.unseen)]
 
 
-def unseen_words(one: Unseen | None) -> str:
-    """Return what U contains of what the order cannot show, as it follows that the model fits."""
+def unseen_sentences(one: Unseen | None) -> list[str]:
+    """Return whether U contains what the order cannot show, a sentence where that matters."""
     if one is None:
-        return ''
+        return []
     if one.environment:
-        return f', with what this order cannot show in U (environment: {one.environment})'
+        return [f'U contains what this order cannot show (environment: {one.environment}).']
     scale = scale_of(SI_UNITS[one.curve])
     alone, whole = (f'{fixed(scale.factor * u, decimals(scale.factor * one.alone))} {scale.unit}'
                     for u in (one.alone, one.whole))
-    return f', with U of {one.curve} {alone} without what this order cannot show; {whole} in a {LABORATORY.name}'
+    return [f'U of {one.curve}, {alone}, does not contain what this order cannot show; in a {LABORATORY.name} '
+            f'environment it is {whole}.']
 
 
 def missing_words(one: MissingEffect) -> str:
@@ -195,7 +224,10 @@ def missing_words(one: MissingEffect) -> str:
     if cause is None:
         return title
     if one.depth == 1:
-        return f'{moves_words(one)} ({chance(cause.probability)}), most likely {laws_words(cause)}'
+        what = f'{moves_words(one)} ({chance(cause.probability)})'
+        (likeliest, p), *_ = cause.laws
+        return (f'{what}, most likely {laws_words(cause)}' if likeliest else
+                f'{what}; its law is {NOT_IN_LIBRARY} ({chance(p)})')
     number = cause.number('reading') or cause.number('ball')
     place = '' if number is None else f', {"reading" if cause.number("reading") else "ball"} {number}'
     others = ''.join(f', or {title_of(name)} ({chance(p)})' for name, p in one.alternatives if not one.depth)
@@ -205,7 +237,7 @@ def missing_words(one: MissingEffect) -> str:
 def laws_words(cause: Cause, most: int = MOST_LAWS) -> str:
     """Return so many of the likeliest laws of a cause: 'slip of one ball (95 %), creep of one ball (4 %)'."""
     likely = [(law, p) for law, p in cause.laws if p >= LISTED][:most] or cause.laws[:1]
-    return ', '.join(f'{titles(law) if law else "no law of the library"} ({chance(p)})' for law, p in likely)
+    return ', '.join(f'{titles(law) if law else f"a law that is {NOT_IN_LIBRARY}"} ({chance(p)})' for law, p in likely)
 
 
 def moves_words(one: MissingEffect) -> str:
@@ -213,25 +245,30 @@ def moves_words(one: MissingEffect) -> str:
     effect, cause = MEANINGS.get(one.name), one.cause
     if cause is None or not isinstance(effect, PhysicalEffect) or not one.depth:
         return ' or '.join(map(title_of, (one.name, *(name for name, _ in one.alternatives))))
-    verb, ball = MOVES[type(effect.motion)], cause.number('ball')
+    ball = cause.number('ball')
     if cause.number('reading'):
         return f'reading {cause.number("reading")} is off'
-    if ball is not None:
-        verb = f'ball {ball} {"moves" if verb.endswith("moves") else "is off"}'
+    verb = MOVES[type(effect.motion)] if ball is None else _does(effect, f'ball {ball}')
     others = ''.join(f', or {_with_words(some)}' for some in cause.or_with)
     return f'{verb} {_with_words([first for first, *_ in cause.variables])}{others}'
 
 
 def _with_words(variables: Iterable[str]) -> str:
     """Return with what something moves: 'with time'; what is the same at every reading moves with nothing."""
-    found = [VARIABLES.get(one, one) for one in variables]
+    found = [*map(_in_words, variables)]
     return f'with {names(found)}' if found else 'by a constant amount'
 
 
+def _does(effect: PhysicalEffect, who: str) -> str:
+    """Return what an effect of one ball or reading does with it."""
+    return f'{who} {"moves" if isinstance(effect.motion, move.BallInPlate) else "is off"}'
+
+
 def _alike_words(some: Sequence[str]) -> str:
-    """Return which variables run like the first one of a set, '' where none does but the number of readings."""
-    first, *others = (VARIABLES.get(name, name) for place, name in enumerate(some) if not place or name != 'touches')
-    return f'{capital(names(others))} run{"s" * (len(others) == 1)} like {first} in this order.' if others else ''
+    """Return which variables are correlated with the first one of a set, '' for the number of readings alone."""
+    first, *others = (_in_words(name) for place, name in enumerate(some) if not place or name != 'touches')
+    are = 'is' if len(others) == 1 else 'are'
+    return f'{capital(names(others))} {are} correlated with {first} in this order.' if others else ''
 
 
 def _unnamed_sentences(every: Sequence[MissingEffect]) -> list[str]:
@@ -255,8 +292,9 @@ def _reading(one: WrongReading) -> str:
             f'{micrometres(one.size)} along {one.axis}')
 
 
-def _against_repeatability(residual: Residual) -> str:
-    """Return how large the residual is against the stated repeatability; empty where none is."""
+def _against_repeatability(residual: Residual, noise: NoiseFacts) -> str:
+    """Return how large the residual is against the stated repeatability, and whether it shows structure; empty where
+    none is stated."""
     known, p = residual.repeatability, residual.p
     if known is None or p is None:
         return ''
@@ -264,7 +302,7 @@ def _against_repeatability(residual: Residual) -> str:
     part = (f', {multiple(residual.quietest * ratio)} times in its quietest part'
             if residual.quietest < 0.5 else '')
     return (f'the residual of {micrometres(residual.rms)} is {multiple(ratio)} times the stated repeatability of '
-            f'{micrometres(known)}{part} ({p_words(p)}) and shows no structure')
+            f'{micrometres(known)}{part} ({p_words(p)}){"" if noise.is_correlated else " and shows no structure"}')
 
 
 def _actions(verdict: Verdict) -> list[str]:
@@ -277,7 +315,7 @@ def _actions(verdict: Verdict) -> list[str]:
         it, cause = ('it', 'the cause') if len(verdict.missing) == 1 else ('them', 'the causes')
         out.append(f'eliminate {cause} and repeat the measurement, or include {it} in the evaluation model')
     elif verdict.unnamed:
-        out.append('look at the residual maps, and check the cell for what the residual depends on')
+        out += _checks(verdict.unnamed)
     elif verdict.outcome == Outcome.SCATTERS:
         out.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
                    'residual maps')
@@ -298,7 +336,7 @@ def _actions(verdict: Verdict) -> list[str]:
         out.append('add the error motions of the table to the model')
     if (one := verdict.unseen) and (not one.environment or one.share > MOST_OF_U):
         state = '' if one.environment else 'state the environment of the cell, or '
-        out.append(f'{state}measure in the order interleaved')
+        out.append(f'{state}use the interleaved order')
     return out
 
 
@@ -307,10 +345,9 @@ def _limits(verdict: Verdict) -> list[str]:
     out: list[str] = []
     for one in verdict.missing:
         said = {name for law, _ in one.cause.laws for name in law} if one.cause else set()
-        others = [other for name, p in one.alternatives
-                  if name not in said and (other := f'{title_of(name)} ({chance(p)})') not in missing_words(one)]
-        if others:
-            out.append(f'This run cannot tell {title_of(one.name)} from {" or ".join(others)}.')
+        others = [f'{title_of(name)} ({chance(p)})' for name, p in one.alternatives if name not in said]
+        if others and one.depth:  # else they are named in the first sentence
+            out.append(f'This run cannot distinguish {title_of(one.name)} from {" or ".join(others)}.')
     out = [*dict.fromkeys(out)]
     sets = [some for one in verdict.missing if one.cause and one.depth == 1 for some in one.cause.variables]
     out += filter(None, dict.fromkeys(map(_alike_words, sets)))
@@ -336,8 +373,7 @@ def does_words(one: MissingEffect) -> str:
     for key in ('ball', 'reading'):
         number = str(setting.get(key, ''))
         if number.isdigit():
-            who = f'{key} {number}' if number != '0' else f'every {key}'
-            verb = f'{who} {"moves" if verb.endswith("moves") else "is off"}'
+            verb = _does(effect, f'{key} {number}' if number != '0' else f'every {key}')
     sizes = _sizes([part for part in one.parameters if part.name not in setting])
     rest = setting_words(one.name, setting, SAID_ELSEWHERE, time=one.time_unit)
     return ' '.join(filter(None, [verb, f'by {sizes}' if sizes else '', _when(one), f'({rest})' if rest else '']))
@@ -377,26 +413,49 @@ def _when(one: MissingEffect) -> str:
     return ' '.join(out)
 
 
+def _checks(unnamed: Sequence[MissingEffect]) -> list[str]:
+    """Return what to check for motions without a name: what changes with the variables that may drive them."""
+    causes = [one.cause for one in unnamed if one.cause]
+    drive = dict.fromkeys(name for cause in causes for some in (*cause.variables, *cause.or_with) for name in some)
+    several = any(len(cause.alternatives) > 1 for cause in causes)
+    return [f'check the cell for what changes with {" or ".join(map(_in_words, drive))}' if drive else
+            'check the cell for what is off by a constant amount',
+            *['measure further readings to distinguish these'] * several]
+
+
+def noise_kind(noise: NoiseFacts) -> str:
+    """Return what noise is not: 'not white and not equal'."""
+    lacks = [name for name, is_it in (('white', noise.is_correlated), ('equal', noise.worse or noise.noisiest),
+                                      ('normal', noise.tail)) if is_it]
+    return ' and '.join(f'not {one}' for one in lacks) or 'that of rounding'
+
+
+def kind_words(kind: str) -> str:
+    """Return a kind of noise, as of NoiseKinds."""
+    return {'z': 'unequal scatter in z', 'axis': 'unequal scatter of the axes', 'wander': 'random drift of the frame',
+            'reading': 'heavy tails of readings', 'coordinate': 'heavy tails of coordinates'}.get(
+        kind, f'scatter differs by {kind}')
+
+
 def noise_words(noise: NoiseFacts) -> list[str]:
     """Return in what the noise of a run is other than white and equal."""
     out = []
     if noise.resolution:
         out.append(f'the readings are rounded to {micrometres(noise.resolution)}')
     if noise.worse:
-        worse = names(f'along {_axes(axes)} is {ratio:.1f} times' for axes, ratio in noise.worse)
-        out.append(f'the scatter {worse} that along {_axes(noise.than)}')
+        each = ', '.join(significant(1e6 * one, 2) for one in noise.scatter)
+        out.append(f'standard deviations in x, y, z: {each} µm')
     if noise.tail:
         out.append(f'single {noise.tail}s are farther off than a normal distribution allows (Student, '
                    f'{noise.tail_dof:g} degrees of freedom)')
     if noise.noisiest:
         where, *alike = map(_group, noise.noisiest)
-        same = f' (this run cannot tell it from {" or ".join(alike)})' if alike else ''
+        same = f' (this run cannot distinguish it from {" or ".join(alike)})' if alike else ''
         out.append(f'{where} scatters {noise.factor:.1f} times as much as the others{same}')
     if noise.walk:
-        out.append(f'the frame drifts at random by {micrometres(noise.walk)} over the run (random walk)')
+        out.append(f'the frame wanders by {micrometres(noise.walk)} over the run (random walk)')
     elif noise.wander:
-        out.append(f'the frame drifts to and fro by {micrometres(noise.wander)} within about {noise.readings:.0f} '
-                   'readings')
+        out.append(f'the frame wanders by {micrometres(noise.wander)} within about {noise.readings:.0f} readings')
     elif noise.correlation:
         out.append(f'autocorrelation (lag 1) {noise.correlation:+.1f}'.replace('-', '−'))
     return out
@@ -416,7 +475,8 @@ def noise_actions(noise: NoiseFacts) -> list[str]:
     if noise.noisiest:
         out.append(f'check {_group(noise.noisiest[0])}')
     if noise.walk or noise.wander or noise.correlation:
-        out.append('look for draughts, vibration and changes of temperature of the frame, or measure faster')
+        out.append('check probe and stylus, look for draughts, vibration and changes of temperature of the frame, or '
+                   'measure faster')
     return out
 
 

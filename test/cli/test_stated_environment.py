@@ -47,8 +47,8 @@ def test_without_an_environment_u_says_what_it_lacks_and_decides_nothing(rosette
     """The verdict does, in its first line, with U of a laboratory; a tolerance is not decided."""
     told = rosette('evaluate', table, '--identity', limits)
     first = ' '.join(told.out.split())
-    assert 'The model fits, with U of ' in first and 'without what this order cannot show; ' in first
-    assert ' in a laboratory: the residual of' in first
+    assert 'The model fits: ' in first and ', does not contain what this order cannot show; in a ' in first
+    assert ' in a laboratory environment it is ' in first
     assert ('Neither conformity nor non-conformity is stated: no environment is stated, and U lacks what this order '
             'cannot show') in first
     found = evaluated(rosette, table, '--identity', limits)
@@ -72,7 +72,7 @@ def test_with_one_the_same_run_is_decided_by_its_u(rosette, table, limits):
     assert (line['conformity'] == 'conforms') == (line['probability_of_conformity'] >= 0.97725)
     assert 'environment: workshop' in shop['verdict']
     assert ' is what this order cannot show, first of all ' in shop['verdict']
-    assert 'easure in the order interleaved' in shop['action']
+    assert 'se the interleaved order' in shop['action']
 
 
 def test_the_table_of_what_may_be_there(rosette, table):
@@ -113,8 +113,8 @@ def test_several_runs_as_one_have_it_too(rosette, refused, table, tmp_path):
     found = evaluated(rosette, table, '--joint', '--environment', 'workshop')
     assert found['environment']['name'] == 'workshop'
     assert found['curves'][0]['U']['crz_rad'] == pytest.approx(alone['U']['crz_rad'], rel=0.02)
-    assert 'with what this order cannot show in U (environment: workshop)' in found['verdict']
-    assert 'without what this order cannot show; ' in evaluated(rosette, table, '--joint')['verdict']
+    assert 'U contains what this order cannot show (environment: workshop).' in found['verdict']
+    assert 'does not contain what this order cannot show; ' in evaluated(rosette, table, '--joint')['verdict']
     path = tmp_path / 'b.yaml'
     path.write_text('schema: rosette-budget/1\nradius: {u_um: 1}\n')
     assert 'wanted the section environment only with several runs as one, got radius; leave it out' in refused(

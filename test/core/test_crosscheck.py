@@ -90,7 +90,7 @@ def test_a_frame_that_wanders_does_not_confirm_a_drift():
         walk = 10 * SIGMA * np.cumsum(rng.standard_normal((still.size, 3)), axis=0) / np.sqrt(still.size)
         check = cross_check(still.replace(centre=still.centre + walk), drifting)
         outcomes.append(check.effects[0].outcome)
-    assert ' is not white and equal, which is taken into account: the frame drifts' in check_words(check)
+    assert ' is not white, which is taken into account: the frame wanders' in check_words(check)
     assert outcomes.count('confirmed') <= 1, outcomes
 
 

@@ -216,8 +216,8 @@ def test_what_no_reading_tells_apart_is_said_at_once(monkeypatch):
     found = next_readings(run)
     assert found.is_hopeless and found.targets is None
     assert next_words(next_readings(run, uncertainty=0.0))[1].startswith('12 readings (8 min) are expected to lower U')
-    assert hopeless_words(found) == ('no reading of this cell separates non-linear probe drift from warm-up '
-                                     'of the machine, not even as many again')
+    assert hopeless_words(found) == ('further readings of this cell cannot distinguish non-linear probe drift from '
+                                     'warm-up of the machine')
 
 
 def test_what_is_in_doubt():

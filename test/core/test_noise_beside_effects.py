@@ -41,7 +41,8 @@ def test_an_effect_is_named_in_noisy_axes():
     run = noisy(white(3)[0] * (1, 1, 2), 3)
     drift = 1.2e-6 * (run.time / run.time[-1])[:, None] * np.array([1.0, 0.5, 0.0])
     found = find(run.replace(centre=run.centre + drift))
-    assert found.missing == ('frame_drift',) and 'the scatter along z is ' in verdict_text(found.verdict).sentence
+    assert found.missing == ('frame_drift',)
+    assert 'standard deviations in x, y, z: ' in verdict_text(found.verdict).sentence
 
 
 def test_heavy_tails_do_not_hide_unequal_axes():

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from rosette_ros.core.diagnosis.cause import Cause, Interval, MissingEffect
+from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
 from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
@@ -41,7 +42,10 @@ PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'searched values
            'most like ', 'follows the temperature', 'behind the temperature', 'between two seats',
            'until it has soaked', 'growth of the table', 'sudden shift', 'offset of a ball', 'KeyError:', 'TypeError:',
            'doubts about the readings', 'is none of a plate', 'were taken so', 'times the uncertainty of one',
-           '% of its distribution, k', 'where σ is', ' : {100 -', 'Physical names mean')
+           '% of its distribution, k', 'cannot tell which', 'no law of the library', 'has no name for it',
+           'look at the residual maps, and check', 'not even as many again', 'in the order interleaved',
+           'what moves, with what', 'drifts to and fro', 'drifts at random',
+           'where σ is', ' : {100 -', 'Physical names mean')
 """Of these each interface, and the documentation, says what a metrologist says instead."""
 ALIKE = (('time', 'temperature', 'touches', 'travel'),)
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
@@ -57,17 +61,50 @@ def unnamed(motion, *alternatives, of='time'):
 def test_what_has_no_name_is_said_by_body_and_variable():
     """Each body has its verb, each variable its words; of several alternatives none is preferred in silence."""
     assert unnamed_words(unnamed('frame along y', ['time since move'])) == (
-        'something moves the frame in y with the time since the last table move; the library has no name for it')
+        'something moves the frame in y with the time since the last table move; its law is not in the library')
     assert unnamed_words(unnamed('plate along its x and y', ['time', 'ball'], of='ball 7 × time')).startswith(
         'something moves ball 7 along its x and y with time;')
     assert unnamed_words(unnamed('plate growing', ['temperature'], ['time'])).startswith(
-        'something makes the plate grow or shrink with the temperature (or with time: ')
+        'something makes the plate grow or shrink with the temperature, or with time; ')
     one = unnamed('table axis tilting', ['table angle', 'time'])
     verdict = Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,))
     assert verdict_text(verdict).sentence == (
-        'Something tilts the table axis with the table angle and time; the library has no name for it '
+        'Something tilts the table axis with the table angle and time; its law is not in the library '
         '(probability 97 %).')
     assert unexplained_words(verdict) == unnamed_words(one)
+
+
+def test_what_this_run_cannot_distinguish_is_said_once():
+    """What is correlated with a variable stands in one bracket; of many other sets two are said."""
+    one = replace(unnamed('table axis tilting', ['time'], ['table sense'], ['encoder'], ['move size'], ['travel']))
+    one = replace(one, cause=replace(one.cause, variables=(('time', 'travel', 'touches'),)))
+    assert unnamed_words(one) == (
+        'something tilts the table axis with time (correlated with it here: the angle that the table has turned and '
+        'the number of readings), or with the sense of rotation of the table, or with the lines of the encoder, or '
+        'with one of 2 other sets of variables; its law is not in the library')
+    text = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,)))
+    assert text.action.endswith('; measure further readings to distinguish these.')
+
+
+def test_why_a_likely_name_is_not_added():
+    """It may be a part of what is said; alone it is not likely enough."""
+    for doubtful, words in ((('table_backlash', 0.99), 'Not added to the model, as it may be a part of the motion '
+                             'above: backlash of the table (99 %).'),
+                            (('table_backlash', 0.6), 'Possible, but not certain: backlash of the table (60 %).')):
+        verdict = Verdict(Outcome.NAMED, BEFORE, AFTER, (slip(),), doubtful=(doubtful,))
+        assert verdict_text(verdict).sentence.endswith(words)
+
+
+@pytest.mark.parametrize(('noise', 'words'), [
+    (NoiseFacts(walk=2e-7), 'The noise is not white: the frame wanders by 0.200 µm over the run (random walk).'),
+    (NoiseFacts(worse=(('z', 2.5),), than='xy', scatter=(8e-8, 8e-8, 2e-7)),
+     'The noise is not equal: standard deviations in x, y, z: 0.080, 0.080, 0.20 µm.'),
+    (NoiseFacts(resolution=1e-6), 'The noise is that of rounding: the readings are rounded to 1.00 µm.')])
+def test_noise_is_said_by_what_it_is_not(noise, words):
+    """Of readings that are correlated nobody says that they show no structure."""
+    sentence = verdict_text(Verdict(Outcome.NOISE, AFTER, AFTER, noise=noise)).sentence
+    assert sentence.endswith(words)
+    assert ('shows no structure' in sentence) != bool(noise.walk)
 
 
 def cause(bodies, variables, probability, laws, is_certain=False):
@@ -92,7 +129,7 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     assert text.sentence == (
         'Ball 11 moves with time (99 %), most likely slip of one ball (96 %), creep of one ball (4 %). With it the '
         'residual standard deviation falls from 0.360 µm to 0.102 µm (repeatability 0.0910 µm).')
-    assert text.limits == ('This run cannot tell slip of one ball from loose ball (5 %).',
+    assert text.limits == ('This run cannot distinguish slip of one ball from loose ball (5 %).',
                            'This run could not have shown backlash of the table.')
     assert does_words(slip()) == (
         'ball 11 moves by 1.90 µm in x, 0.40 µm in z between readings 69 and 74 (37.4 to 49.7 min, 97 %)')
@@ -113,7 +150,10 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     (MissingEffect('frame_drift', Setting(), {}, cause('frame', (('time', 'travel'),), 0.99, {
         'frame_drift + frame_cycle': 0.8, '': 0.19})),
      'the probe moves with time (99 %), most likely linear probe drift '
-     'and periodic drift of the machine (80 %), no law of the library (19 %)'),
+     'and periodic drift of the machine (80 %), a law that is not in the library (19 %)'),
+    (MissingEffect('table_zero_drift', Setting(), {}, cause('table or plate turning', (('temperature',),), 0.99, {
+        '': 0.93, 'table_zero_expansion': 0.06})),
+     'the table turns with the temperature (99 %); its law is not in the library (93 %)'),
     (MissingEffect('frame_drift', Setting(), {}, cause('frame', ALIKE, 0.5, {'frame_drift': 0.5}),
                    (('table_zero_drift', 0.42),), 0.92),
      'linear probe drift (50 %), or angular drift of the table (42 %)')])
@@ -131,8 +171,8 @@ def test_what_is_less_than_sure_is_suspected():
     assert text.action == 'Eliminate the cause and repeat the measurement, or include it in the evaluation model.'
     assert HEADLINES[text.outcome] == 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL'
     text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, unnamed=(unnamed('plate growing', ['time']),)))
-    assert text.sentence.startswith('Something makes the plate grow or shrink with time; the library has no name')
-    assert text.action.startswith('Look at the residual maps, and check the cell for what the residual depends on')
+    assert text.sentence.startswith('Something makes the plate grow or shrink with time; its law is not in the library')
+    assert text.action == 'Check the cell for what changes with time.'
     assert text.level == 'doubtful' and text.model_fails
     both = Verdict(Outcome.UNNAMED, BEFORE, AFTER, (one,), (unnamed('plate growing', ['time']),))
     assert verdict_text(both).sentence.startswith('Ball 11 moves with time (80 %)')
@@ -166,15 +206,17 @@ def test_a_verdict_says_what_u_lacks_or_has_of_what_the_order_hides():
     """In its first line; and what to do where that is most of U."""
     lacks = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
         '', 'ctz', 5.2e-8, 2.04e-7, 'frame_drift', 0.9)))
-    assert lacks.sentence.startswith('The model fits, with U of ctz 0.052 µm without what this order cannot show; '
-                                     '0.204 µm in a laboratory: the residual of')
-    assert lacks.action == 'State the environment of the cell, or measure in the order interleaved.'
+    assert lacks.sentence == (
+        'The model fits: the residual of 0.102 µm is 1.12 times the stated repeatability of 0.0910 µm (p-value of the '
+        'lack-of-fit test: 0.2) and shows no structure. U of ctz, 0.052 µm, does not contain what this order cannot '
+        'show; in a laboratory environment it is 0.204 µm.')
+    assert lacks.action == 'State the environment of the cell, or use the interleaved order.'
     has = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
         'workshop', 'crz', 3e-7, 4.4e-6, 'table_zero_drift', 0.97)))
-    assert has.sentence.startswith('The model fits, with what this order cannot show in U (environment: workshop): ')
+    assert ' U contains what this order cannot show (environment: workshop). ' in has.sentence
     assert has.sentence.endswith('Most of U of crz is what this order cannot show, first of all angular drift of the '
                                  'table.')
-    assert has.action == 'Measure in the order interleaved.'
+    assert has.action == 'Use the interleaved order.'
     small = verdict_text(Verdict(Outcome.FITS, AFTER, AFTER, unseen=Unseen(
         'laboratory', 'crz', 3e-7, 3.1e-7, 'table_zero_drift', 0.1)))
     assert small.action == NOTHING_TO_DO and 'Most of U' not in small.sentence

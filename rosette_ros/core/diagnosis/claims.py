@@ -59,7 +59,7 @@ class Claims:
     def _is_certain(self, cause: Cause) -> bool:
         """Return whether no other law of the motions of a cause is near its own by likelihood.
 
-        Beside a motion without a name none is certain: what has no law of the library may be a part of it; nor are two
+        Beside a motion without a name none is certain: what has a law of its own may be a part of it; nor are two
         of the same motion, in one cause or in two: they may be parts of one that the library does not have; nor is one
         where a place of the readings stands for the time or travel that it is a law of."""
         places = frozenset(PLACES)

@@ -21,14 +21,16 @@ class NoiseFacts:
     """In what the noise of a run is other than white and equal.
 
     resolution: to which readings are rounded, m; worse: axes that repeat worse than others, `than`, and how many times;
-    tail, tail_dof: what stands out by itself, `reading` or `coordinate`, and degrees of freedom of its Student
-    distribution; noisiest, factor: groups of which one scatters so many times as much as the others; walk: of the frame
-    over the run, m; wander, readings: of the frame, m, within so many readings; correlation: of neighbouring readings.
+    scatter: then the standard deviations along x, y, z, m; tail, tail_dof: what stands out by itself, `reading` or
+    `coordinate`, and degrees of freedom of its Student distribution; noisiest, factor: groups of which one scatters so
+    many times as much as the others; walk: of the frame over the run, m; wander, readings: of the frame, m, within so
+    many readings; correlation: of neighbouring readings.
     """
 
     resolution: float = 0.0
     worse: tuple[tuple[str, float], ...] = ()
     than: str = ''
+    scatter: tuple[float, ...] = ()
     tail: str = ''
     tail_dof: float = 0.0
     noisiest: 'tuple[Group, ...]' = ()
@@ -39,6 +41,11 @@ class NoiseFacts:
     correlation: float = 0.0
 
     @property
+    def is_correlated(self) -> bool:
+        """Whether each reading depends on the one before it."""
+        return bool(self.walk or self.wander or self.correlation)
+
+    @property
     def is_other(self) -> bool:
         """Whether it is other than white and equal in anything."""
         return self != NoiseFacts()
@@ -47,8 +54,10 @@ class NoiseFacts:
 def noise_facts(fit: 'Fit') -> NoiseFacts:
     """Return in what the noise of a fit is other than white and equal."""
     noise, sigma, run = fit.noise, fit.sigma, fit.run
-    worse, than = _unequal((noise.axes**2 + noise.wander * (noise.phi < 1))**0.5, bool(noise.wander.any()))
-    facts = NoiseFacts(noise.resolution, worse, than, noise.tail, noise.tail_dof if noise.tail else 0.0)
+    size = (noise.axes**2 + noise.wander * (noise.phi < 1))**0.5
+    worse, than = _unequal(size, bool(noise.wander.any()))
+    scatter = tuple((sigma * size).tolist()) if worse else ()
+    facts = NoiseFacts(noise.resolution, worse, than, scatter, noise.tail, noise.tail_dof if noise.tail else 0.0)
     if noise.by:
         typical = sorted(noise.factors)[noise.factors.size // 2]
         facts = replace(facts, noisiest=tuple(noise.noisiest(run)), factor=float(noise.factors.max() / typical))

@@ -166,7 +166,7 @@ class FreeEffect(Effect):
 
     name = NAME
     plain = 'motion that depends on what the run records, without a name'
-    meaning = 'A body moves with what the run records, by no law of the library.'
+    meaning = 'A body moves with what the run records, by a law that is not in the library.'
     look = 'What the readings depend on, in the cell.'
     formula = 'any function, as a sum of cosines or waves'
     source = 'Solin and Sarkka (2020), Hilbert space methods for Gaussian processes'

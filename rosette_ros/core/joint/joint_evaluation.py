@@ -13,6 +13,7 @@ from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableS
 from rosette_ros.core.joint.knowledge import JointRemark, Knowledge, angles_of_one_sense, knowledge, pairs_of_senses
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import ITEMS, Sharing, apart
+from rosette_ros.core.model.least_squares import SigmaSource
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Frame
@@ -104,7 +105,7 @@ class JointResult:
     tests: tuple[SharingTest, ...]
     sigma: float
     sigma_dof: float
-    sigma_source: str
+    sigma_source: SigmaSource
     lack_of_fit_p: float | None
     notes: tuple[Remark, ...]
     environment: Environment | None = None
@@ -379,17 +380,17 @@ def _f_test(item: str, shared: Sequence[JointSolution], free: Sequence[JointSolu
     return SharingTest(item, f, dof, float(scipy.special.fdtrc(dof, free_dof, f)), True)
 
 
-def _sigma(solution: JointSolution) -> tuple[float, float, str, float | None]:
+def _sigma(solution: JointSolution) -> tuple[float, float, SigmaSource, float | None]:
     """Return the standard deviation of a coordinate, its degrees of freedom, its source, and p of lack of fit."""
     rms = float(np.sqrt(solution.rss / solution.dof))
     # a repeatability without degrees of freedom is known exactly: as if it had very many
     known = [(run.repeatability, run.repeatability_dof or EXACT) for run in solution.model.runs if run.repeatability]
     if not known:
-        return rms, solution.dof, 'residuals', None
+        return rms, solution.dof, SigmaSource.RESIDUALS, None
     dof = sum(count for _, count in known)
     sd = float(np.sqrt(sum(count * value**2 for value, count in known) / dof))
     p = float(scipy.special.fdtrc(solution.dof, dof, (rms / sd)**2))
     if p < UNLIKELY:
-        return rms, solution.dof, 'residuals (larger than the repeatability)', p
+        return rms, solution.dof, SigmaSource.LARGER, p
     pooled = float(np.sqrt((solution.rss + dof * sd**2) / (solution.dof + dof)))
-    return pooled, solution.dof + dof, 'repeatability' if dof >= EXACT else 'residuals and repeatability', p
+    return pooled, solution.dof + dof, SigmaSource.REPEATABILITY if dof >= EXACT else SigmaSource.POOLED, p

@@ -8,6 +8,7 @@ Nonlinear parameters enter the uncertainties by their tangents d(D a)/d(theta).
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property, reduce
 from operator import attrgetter
 from typing import Any, ClassVar
@@ -43,6 +44,16 @@ REFINED = ('scale', 'phase')
 """Kinds of searched parameters that have an uncertainty."""
 FEWEST = 0.1
 """Share of its degrees of freedom that a repeatability keeps, at least, under heavy tails: (dof - 4) / (dof - 1)."""
+
+
+class SigmaSource(StrEnum):
+    """Whence the standard deviation of a coordinate is that the uncertainties are worked out from."""
+
+    RESIDUALS = 'residuals'
+    LARGER = 'residuals (larger than the repeatability)'
+    UNEQUAL = 'residuals (the noise is not equal)'
+    REPEATABILITY = 'repeatability'
+    POOLED = 'residuals and repeatability'
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,7 @@ class Fit:
     dof: int
     rms: float
     sigma: float
-    sigma_source: str
+    sigma_source: SigmaSource
     reduced_chi_square: float | None
     lack_of_fit_p: float | None
     mean_radius: float
@@ -408,24 +419,24 @@ def _tangents(run: Run, parts: Sequence[_Part], amplitude: Floats) -> Floats:
     return np.concatenate(tangents)
 
 
-def _noise(run: Run, rss: float, dof: int, noise: Noise) -> tuple[float, str, float | None, float | None]:
+def _noise(run: Run, rss: float, dof: int, noise: Noise) -> tuple[float, SigmaSource, float | None, float | None]:
     rms = float(np.sqrt(rss / dof))
     known, known_dof = run.repeatability, run.repeatability_dof
     if known is None:
-        return rms, 'residuals', None, None
+        return rms, SigmaSource.RESIDUALS, None, None
     chi = (rms / known)**2
     # the check was made at one place, which may be the quietest one; heavy tails make its variance uncertain
     least, of_tail = chi * noise.quietest**2, max(1 - 3 / max(noise.tail_dof - 1, 1.0), FEWEST)
     p = float(scipy.special.chdtrc(dof * of_tail, least * dof * of_tail) if known_dof is None
               else scipy.special.fdtrc(dof * of_tail, known_dof * of_tail, least))
     if p < UNLIKELY:
-        return rms, 'residuals (larger than the repeatability)', chi, p
+        return rms, SigmaSource.LARGER, chi, p
     if noise.by or noise.tail:
-        return rms, 'residuals (the noise is not equal)', chi, p
+        return rms, SigmaSource.UNEQUAL, chi, p
     if known_dof is None:
-        return known, 'repeatability', chi, p
+        return known, SigmaSource.REPEATABILITY, chi, p
     pooled = np.sqrt((rss + known_dof * known**2) / (dof + known_dof))
-    return float(pooled), 'residuals and repeatability', chi, p
+    return float(pooled), SigmaSource.POOLED, chi, p
 
 
 def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpace,

@@ -77,7 +77,7 @@ class Surrounded:
     def shares(self) -> dict[str, Floats]:
         """The share of each effect that may be there in the mean variance of each curve, (6,), the largest first."""
         whole = np.maximum(np.mean(self.error_motions.u**2, axis=0), 1e-300)
-        out = {name: np.mean(part, axis=0) / whole for name, part in self.parts.items() if name != CLAIMED}
+        out = {name: np.mean(self.parts[name], axis=0) / whole for name in self.there}
         return dict(sorted(out.items(), key=lambda pair: -float(pair[1].max())))
 
     @property

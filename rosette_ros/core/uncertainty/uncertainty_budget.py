@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.least_squares import Fit, SigmaSource
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import radial, rotate_z
@@ -240,9 +240,9 @@ def _noise_of(fit: Fit, displaced: Sequence['_Displaced']) -> tuple[float, float
 
     (restricted maximum likelihood, Patterson and Thompson 1971): an influence takes off what the readings show of it.
     """
-    if fit.sigma_source == 'repeatability':
+    if fit.sigma_source is SigmaSource.REPEATABILITY:
         return fit.sigma, np.inf
-    dof = fit.dof + ((fit.run.repeatability_dof or 0.0) if fit.sigma_source == 'residuals and repeatability' else 0.0)
+    dof = fit.dof + ((fit.run.repeatability_dof or 0.0) if fit.sigma_source is SigmaSource.POOLED else 0.0)
     if not fit.sigma:
         return 0.0, dof
     rows = np.concatenate([np.zeros((1, 3 * fit.run.size)), *(one.rows for one in displaced)]) / fit.sigma
