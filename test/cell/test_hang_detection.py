@@ -86,7 +86,7 @@ def test_a_run_of_a_cell_that_was_suspended_goes_on(cell_of, domain_id):
                 gone[0] = 0.0
                 tell(signal.SIGCONT)
 
-        outcome = client.calibrate(on_progress=look, check=wake)
+        outcome = client.calibrate(on_progress=look, check=wake, options='limits.answer_timeout_s: 5.0')
         assert stopped and gone == [0.0]
     assert outcome.success, outcome.message
     assert read_log(outcome.log).to_run().size == N * N
