@@ -100,11 +100,10 @@ def _shape(state: State, place: int) -> Shape | None:
 def _mixed(state: State, setting: Setting) -> tuple[Floats, Floats, int]:
     """Return the diagonal of T (q,), the functions (k, N) of a free course, and its number of directions."""
     run = state.evidence.run
-    functions, variance = FREE.course(run, setting)
     columns = np.moveaxis(FREE.columns(run, setting), -1, 0)
     columns = columns - columns.mean(axis=1, keepdims=True)
-    mix = scaled(np.sum(columns**2, axis=(1, 2))[None], variance[None])[0]
-    return mix, functions, len(motions(run)[setting.word('along')])
+    mix = scaled(np.sum(columns**2, axis=(1, 2))[None], FREE.variances(run, setting)[None])[0]
+    return mix, FREE.course(run, setting)[0], len(motions(run)[setting.word('along')])
 
 
 def _twin(rest: State, member: Member) -> Setting | None:
