@@ -41,6 +41,13 @@ WAITS = {'chromium', 'domain_id', 'module_domain_id'}
 """Fixtures of tests that mostly wait, for a cell or a browser."""
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Do not load files of which every test is long where none is wanted: each worker loads all that it may run."""
+    if config.option.markexpr == 'not long' and collection_path.suffix == '.py':
+        return '\npytestmark = pytest.mark.long\n' in collection_path.read_text('utf-8') or None
+    return None
+
+
 def pytest_collection_modifyitems(items):
     """Start the files that wait before those that compute, long ones first, so that two processors have something to
     do from the beginning to the end."""
