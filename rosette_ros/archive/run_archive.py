@@ -32,8 +32,8 @@ FORMAT = 'rosette-archive/1'
 MARK, PARTS = 'rosette-archive.json', 'parts'
 LARGE = 20_000
 """Rows of a file that is not joined with others any more: about 60 MB of runs of 12 balls."""
-MOST_SMALL = 64
-"""Smaller files than that are joined where there are more."""
+MOST_SMALL, MOST_ROWS = 64, 1_000_000
+"""Smaller files than that are joined where there are more; a part of more rows is none that was written here."""
 ROW_GROUP = 1000
 """Rows that a query reads at least, of one table mostly: joined files are sorted by table and time."""
 ROWS = f'''
@@ -58,15 +58,27 @@ def local_folder(name: str | Path) -> Path:
     return Path(text).absolute()
 
 
+def _misfit(path: Path) -> str:
+    """Return why a file has not the rows of an archive, in words; '' where it has. Raises what pyarrow raises."""
+    if (rows := pq.read_metadata(path).num_rows) > MOST_ROWS:
+        return f'it has {rows} rows, more than {MOST_ROWS}'
+    found = {one.name: one.type for one in pq.read_schema(path)}
+    for one in SCHEMA:
+        if one.name in found and found[one.name] not in (one.type, pa.null()):
+            return f'its column {one.name} is {found[one.name]}, not {one.type}'
+    return next((f'it has no column {name}' for name in KEY if name not in found), '')
+
+
 def _damage(path: Path) -> str:
     """Return why a file with rows cannot be read, in words; '' where it can, or is gone."""
     try:
-        pq.read_table(path)
+        if not (words := _misfit(path)):
+            pq.read_table(path)
+        return words
     except FileNotFoundError:
         return ''
     except (pa.ArrowException, OSError) as error:
         return ' '.join(str(error).split())[:120]
-    return ''
 
 
 class RunArchive:
@@ -74,7 +86,7 @@ class RunArchive:
 
     def __init__(self, folder: str | Path, make: bool = False) -> None:
         """Open an archive; make: where there is none yet, make one."""
-        self.folder, self._damaged = local_folder(folder), set[Path]()
+        self.folder, self._damaged, self._fitting = local_folder(folder), set[Path](), set[Path]()
         mark = self.folder / MARK
         if make and not mark.exists():
             self._make(mark)
@@ -135,6 +147,7 @@ class RunArchive:
         values: for the question marks in it; views: further ones by name, which may use those before them. Raises
         InvalidData where the question cannot be answered, or is another statement than SELECT."""
         while True:
+            self._leave_out_misfits()
             parts = self.parts
             try:
                 return self._query(sql, values, {'runs': ROWS, **(views or {})}, parts)
@@ -144,6 +157,14 @@ class RunArchive:
                     raise InvalidData(f'{self.folder}: {" ".join(str(error).split())}') from error
             except RuntimeError as error:  # DuckDB puts it in the place of what the handler of a signal raises
                 raise KeyboardInterrupt from error
+
+    def _leave_out_misfits(self) -> None:
+        """Leave out files with other columns than those of an archive; each is looked at once."""
+        for path in {*self.parts} - self._fitting:
+            with suppress(pa.ArrowException, OSError):  # damaged: said where it is read
+                if _misfit(path):
+                    self._leave_out_damaged([path])
+                self._fitting.add(path)
 
     def _leave_out_damaged(self, parts: Iterable[Path]) -> bool:
         """Name the files that cannot be read, leave them out from now on, and return whether there are any."""

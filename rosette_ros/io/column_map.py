@@ -84,8 +84,8 @@ class ColumnMap:
         places = {key: names.index(name) for key, column in self.columns.items()
                   if (name := column.removeprefix('-')) in names}
         signs = {key for key, column in self.columns.items() if column.startswith('-')}
-        labels = {**{axis: axis for axis in _AXES}, **{column.casefold(): key for key, column in self.columns.items()
-                                                       if key not in places}}
+        labels = {name: axis for axis in _AXES for name in (axis, f'{axis}value')}
+        labels |= {column.casefold(): key for key, column in self.columns.items() if key not in places}
         pattern, found, other, last, is_long = _compiled(self.pattern), list[tuple[int, dict[str, str]]](), 0, '', (
             'value' in places)
         for line, cells in rows:

@@ -9,6 +9,8 @@ import socket
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from rosette_ros.analysis import analyse, find
@@ -167,3 +169,17 @@ def test_a_damaged_part_is_named_and_the_others_stay(archive, row, damage, caplo
     assert f'`rosette archive add LOGS --into {archive.folder}` restores them, then delete this file' in told
     found.add([row])
     assert found.join_small() == '' and found.read_rows().num_rows == 2
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    (lambda table: table.set_column(table.column_names.index('effects'), 'effects', pa.array(['boo'] * len(table))),
+     'its column effects is string, not '),
+    (lambda table: table.set_column(table.column_names.index('added_at'), 'added_at', pa.array(['zzz'] * len(table))),
+     'its column added_at is string, not timestamp')])
+def test_a_part_with_another_type_of_a_column_is_named(archive, row, change, words, caplog):
+    """By column and type; the others stay."""
+    other = archive.add([row])
+    archive.add([{**row, 'run_id': 'other', 'log_sha256': 'cd' * 32}])
+    pq.write_table(change(pq.read_table(other)), other)
+    assert RunArchive(archive.folder).read_rows(('run_id',)).to_pylist() == [{'run_id': 'other'}]
+    assert f'{other}: left out, as it is damaged ({words}' in caplog.text

@@ -199,3 +199,27 @@ def test_a_pattern_says_each_number_once():
     """Before anything is read with it."""
     with pytest.raises(InvalidData, match=r"--columns: pattern: wanted {ball} once, got '{ball}{ball}'"):
         read_columns('x=X,y=Y,z=Z,name=N,pattern={ball}{ball}')
+
+
+def test_calypso_as_it_is_written_today():
+    """xValue, yValue, zValue of a feature among rows of its diameter and form, END behind; proposed, and counted."""
+    names = ('planid', 'id', 'idsymbol', 'actual', 'featureid')
+    rows = [(f'Ball{ball}_T{table}', symbol, value) for (ball, table), place in zip(
+        ((1, 1), (2, 1), (3, 1), (1, 2), (2, 2), (3, 2)), CENTRES)
+        for symbol, value in zip(('xValue', 'yValue', 'zValue', 'diameter', 'sphereForm'), (*place, 15.0003, 2e-4))]
+    text = '\n'.join(['\t'.join(names), *(
+        f'P\t{name}_{symbol}\t{symbol}\t{value}\t{name}' for name, symbol, value in rows), 'END', ''])
+    made = proposal_for(text.encode(), 'chr.txt')
+    assert made.words().startswith('name=featureid,axis=idsymbol,value=actual,pattern=Ball{ball}_T{table},radius_mm=')
+    run = parse_csv(text.encode(), 'chr.txt', read_columns(f'{made.words()},balls=3'))
+    np.testing.assert_allclose(1e3 * run.centre, CENTRES, atol=1e-9)
+    assert 'passed over: 12 rows of other features' in run.notes
+
+
+def test_numbers_of_formats_that_are_none():
+    """A factor of QIF that is a word; a characteristic of AQDEF beyond any."""
+    qif = (FOREIGN / 'results.qif').read_text()
+    with pytest.raises(InvalidData, match='LinearUnit: wanted one of mm, cm, m, um, inch, got abc m'):
+        parse_csv(re.sub('<Factor>[^<]*</Factor>', '<Factor>abc</Factor>', qif).encode(), 'f')
+    fields = (FOREIGN / 'fields.dfq').read_text() + f'K2001/{"9" * 5000} 1\n'
+    assert parse_csv(fields.encode(), 'f', read_columns(f'{MAPS["fields.dfq"][0]},radius_mm=100,balls=3')).size == 6

@@ -12,7 +12,7 @@ from rosette_ros.io.foreign.foreign_table import ForeignTable
 NAMES = ('K2001', 'K2002', 'K0001', 'K0004')
 """Number and description of the characteristic, value, date and time."""
 COLUMNS = {'name': 'K2002', 'value': 'K0001', 'time': 'K0004'}
-_FIELD = re.compile(r'(K\d{4})(?:/(\d+))?(?:\s(.*))?')
+_FIELD = re.compile(r'(K[0-9]{4})(?:/([0-9]{1,9}))?(?:\s(.*))?')
 _NO_VALUE = ('255', '256')
 """Attributes (K0002) of what is no valid value."""
 
@@ -38,7 +38,7 @@ def read(text: str, source: str) -> ForeignTable | None:
                     one[key] = value
             elif key.startswith('K2'):
                 described.setdefault(number, {})[key] = value
-        elif content.strip():
+        elif content.strip() and not content.startswith('K'):  # a field of no characteristic
             for number, part in enumerate(content.split('\x0f'), 1):
                 cells = [cell.strip() for cell in part.split('\x14')]
                 rows.append((line, number, dict(zip(('K0001', 'K0002', 'K0004'), cells))))

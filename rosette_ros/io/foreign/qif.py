@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """QIF 2 and 3 (XML): the measured spheres of MeasurementResults, a row for each."""
 
+import contextlib
 import re
 import xml.etree.ElementTree as ET
 from bisect import bisect
@@ -40,7 +41,9 @@ def read(text: str, source: str) -> ForeignTable | None:
     if not rows:
         raise InvalidData(f'{source}: wanted QIF results with measured spheres (SphereFeatureMeasurement with a '
                           'Location), got none')
-    unit = f'{float(factor or 1):.6f}'.rstrip('0').rstrip('.')
+    with contextlib.suppress(ValueError):
+        factor = f'{float(factor or 1):.6f}'.rstrip('0').rstrip('.')
+    unit = factor
     if unit not in _METRES:
         raise InvalidData(f'{source}: LinearUnit: wanted one of {", ".join(_METRES.values())}, got {factor} m')
     return ForeignTable.of_rows(COLUMNS.values(), rows, COLUMNS, _METRES[unit])
