@@ -18,6 +18,7 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
 from rosette_ros.core.sight.bank import CauseFamily
+from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 MOST = 5
 """Families of members of a hypothesis, and exchanges in it, at most."""
@@ -113,8 +114,7 @@ class Pool:
 def _pair_log_bf(gram: Floats, product_: Floats, first: int, state: State) -> Floats:
     """Return the log Bayes factors (b,) of pairs beside a state, each of the two at the best of PAIR_SIZES.
 
-    gram, product_: (b, q, q), (b, q) beside the state; first: columns of the first of each pair. With S = diag(sizes),
-    ln BF = -1/2 ln det(1 + S G S) - m/2 ln(1 - p' S (1 + S G S)^-1 S p / y'y)."""
+    gram, product_: (b, q, q), (b, q) beside the state; first: columns of the first of each pair."""
     count, q = product_.shape
     best, own = np.full(count, -np.inf), np.arange(q)
     for one, other in product(PAIR_SIZES, PAIR_SIZES):
@@ -123,8 +123,8 @@ def _pair_log_bf(gram: Floats, product_: Floats, first: int, state: State) -> Fl
         system[:, own, own] += 1 + 1e-9 * np.abs(system[:, own, own])  # of what nothing is left of, there is rounding
         root = np.linalg.cholesky(system)
         fall = np.sum(np.linalg.solve(root, (size * product_)[..., None])[..., 0]**2, axis=1)
-        worth = np.log1p(-np.minimum(fall / state.left, 1 - 1e-12))
-        best = np.maximum(best, -np.log(np.einsum('bii->bi', root)).sum(axis=1) - 0.5 * state.evidence.dof * worth)
+        log_det = 2 * np.log(np.einsum('bii->bi', root)).sum(axis=1)
+        best = np.maximum(best, log_bayes_factor(log_det, fall, state.left, state.evidence.dof))
     return best
 
 

@@ -24,6 +24,7 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints, Run
 from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
+from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 Place = tuple[CauseFamily, Setting]
 """A family at a setting."""
@@ -111,7 +112,7 @@ def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof:
             row = np.where(system[j, j] > ROUNDING, system[j], 0)
             fall = fall + row[k]**2 / pivot
             system[j + 1:, j + 1:] -= row[j + 1:k, None] / pivot * row[j + 1:]
-    return np.asarray(-0.5 * log_det - 0.5 * dof * np.log1p(-np.minimum(fall / left, 1 - 1e-12)))
+    return log_bayes_factor(log_det, fall, left, dof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +268,8 @@ class State:
         self.root, log_det = self._root(range(len(members)), sizes)
         self.inverse = self.root @ self.root.T
         self.left = evidence.total - float(self.product @ self.inverse @ self.product)
-        self.likelihood = -0.5 * log_det - 0.5 * evidence.dof * math.log(max(self.left / evidence.total, 1e-12))
+        fall = evidence.total - self.left
+        self.likelihood = float(log_bayes_factor(log_det, fall, evidence.total, evidence.dof))
         times = Counter(one.name for one in members)
         self.log_evidence = float(self.likelihood + occam.sum()
                                   + sum(one.volume + one.family.log_prior for one in members)

@@ -8,6 +8,7 @@ from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, t
 from rosette_ros.core.diagnosis.noise_kinds import DEGREES, EXACT, NOT_WHITE
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.records import Floats, resolution_of
+from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 DRAWS, PARTS = 100, 5
 """Runs of noise, and in how many parts they are looked at, one after the other, to save memory."""
@@ -40,8 +41,7 @@ def _best_of(evidence: Evidence, rows: Floats) -> Floats:
         grown = 1 + blocks.value[:, None] * square[:, None]
         turned = turned_by(blocks.vector, products[blocks.seen])
         fall = (square[:, None] / grown) @ turned**2
-        worth = np.log(np.maximum(1 - fall / left.astype(np.float32), 1e-7))
-        worth = -0.5 * np.log(grown).sum(axis=2)[..., None] - 0.5 * evidence.dof * worth
+        worth = log_bayes_factor(np.log(grown).sum(axis=2)[..., None], fall, left.astype(np.float32), evidence.dof)
         log_bf[blocks.number] = log_mean(worth.transpose(0, 2, 1))
     start, count = bank.ends[:-1], np.diff(bank.ends)
     top = np.maximum.reduceat(log_bf, start)

@@ -46,6 +46,7 @@ from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.free import FREE, WALK
 from rosette_ros.core.model.least_squares import REFINED, Fit, observed
 from rosette_ros.core.run.records import Floats, Run
+from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 ROUNDS = 3
 """Times that the sizes of members are taken from their amplitudes, from the likeliest one of all members together."""
@@ -214,7 +215,8 @@ def _likeliest_size(normal: Floats, right: Floats) -> float:
     value, vector = np.linalg.eigh(normal)
     square, value = (vector.T @ right)**2, np.maximum(value, 0)
     grown = 1 + value * SIZES[:, None]**2
-    return float(SIZES[np.argmax(np.sum(SIZES[:, None]**2 * square / grown - np.log(grown), axis=1))])
+    fall = np.sum(SIZES[:, None]**2 * square / grown, axis=1)
+    return float(SIZES[np.argmax(log_bayes_factor(np.log(grown).sum(axis=1), fall))])
 
 
 def _linear(run: Run, effect: Effect, setting: Setting, size: int) -> list[Floats]:

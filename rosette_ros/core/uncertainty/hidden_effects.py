@@ -29,6 +29,7 @@ from rosette_ros.core.model.least_squares import fit as fit_of
 from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.core.run.scheme import nominal_places
+from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.mixture import Mixture
 from rosette_ros.core.uncertainty.stated_environment import KINDS, LABORATORY, Environment, Unseen
@@ -348,4 +349,4 @@ def _log_bayes(square: Floats, told: Floats, size: float) -> Floats:
     value, vector = np.linalg.eigh(square)
     along = np.einsum('bqd,bq->bd', vector, told)
     grown = 1 + size**2 * np.maximum(value, 0)
-    return np.asarray(np.sum(along**2 * size**2 / grown - np.log(grown), axis=1) / 2)
+    return log_bayes_factor(np.log(grown).sum(axis=1), np.sum(along**2 * size**2 / grown, axis=1))
