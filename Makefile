@@ -9,7 +9,7 @@ VENV_PYTHON := .venv/bin/python
 WORKERS := 5
 SIDE_BY_SIDE := -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations 25
 
-.PHONY: help setup test test-all demo bench blind fuzz soak docs pictures lint lock clean
+.PHONY: help setup test test-all demo bench blind fuzz soak docs docs-site notebooks pictures lint lock clean
 
 help:
 	@echo 'make setup   install everything into .venv; does nothing when that is done'
@@ -21,6 +21,8 @@ help:
 	@echo 'make fuzz    10 000 generated inputs at every interface (FUZZ=... for another number)'
 	@echo 'make soak    kill nodes in 60 runs, measure 100 000 balls, record 2 x 2000 messages/s for 60 s'
 	@echo 'make docs    write what is made from the code: docs/effects.md, message types of tables'
+	@echo 'make docs-site build the documentation as a site in build/site'
+	@echo 'make notebooks run the notebooks of examples/ and store what they show'
 	@echo 'make pictures  make the pictures of the documentation again (needs Chromium)'
 	@echo 'make lint    check style and types'
 	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
@@ -58,6 +60,14 @@ docs: setup
 	@mv docs/effects.md.new docs/effects.md
 	@$(VENV_PYTHON) tools/stored_types.py > rosette_ros/io/definitions.json.new
 	@mv rosette_ros/io/definitions.json.new rosette_ros/io/definitions.json
+
+docs-site: setup
+	@.venv/bin/uv venv --quiet --clear --python $(VENV_PYTHON) build/docs-env
+	@.venv/bin/uv pip install --quiet --python build/docs-env/bin/python '.[docs]'
+	@build/docs-env/bin/python tools/docs_site.py
+
+notebooks: setup
+	@$(VENV_PYTHON) tools/notebooks.py
 
 pictures: setup
 	@$(VENV_PYTHON) tools/docs_pictures.py

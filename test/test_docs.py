@@ -41,7 +41,8 @@ def anchors(path):
 @cache
 def files():
     """Return the paths of all files of the repository, each with a slash in front."""
-    tops = ('rosette_ros', 'test', 'tools', 'benchmarks', 'config', 'docs', 'launch', 'msg_defs', 'requirements')
+    tops = ('rosette_ros', 'test', 'tools', 'benchmarks', 'config', 'docs', 'examples', 'launch', 'msg_defs',
+            'requirements')
     inside = [path for top in tops for path in (ROOT / top).rglob('*') if '__pycache__' not in path.parts]
     return [f'/{path.relative_to(ROOT).as_posix()}' for path in (*ROOT.iterdir(), *inside) if path.is_file()]
 

@@ -26,11 +26,12 @@ SIMULATION_MAY = frozenset((
 """What the simulated machine shares with the evaluation: records, geometry, correction tables, files, no physics."""
 
 ALLOWED = {
-    '__init__': set(),
+    '__init__': {'api', 'core'},  # for types; loaded when it is used
     'requirements': set(),
-    'core': {'core'},
+    'plugins': set(),
+    'core': {'core', 'plugins'},
     'words': {'core', 'words'},
-    'io': {'core', 'io'},
+    'io': {'core', 'io', 'plugins'},
     'simulation': {'core', 'io', 'simulation'},
     'calibration': {'core', 'words', 'io', 'calibration'},
     'analysis': {'core', 'analysis'},
@@ -38,12 +39,14 @@ ALLOWED = {
     'presentation': {'core', 'words', 'io', 'analysis', 'presentation'},
     'certificate': {'core', 'words', 'io', 'analysis', 'presentation', 'certificate'},
     'archive': {'core', 'words', 'io', 'analysis', 'presentation', 'archive'},
+    'api': {'core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'requirements',
+            'api'},
     'nodes': {'core', 'words', 'io', 'simulation', 'analysis', 'calibration', 'dme', 'nodes'},
     'cell': {'core', 'words', 'io', 'calibration', 'nodes', 'cell'},
-    'studio': {'core', 'words', 'io', 'analysis', 'presentation', 'archive', 'calibration', 'nodes', 'cell',
+    'studio': {'core', 'words', 'io', 'analysis', 'api', 'presentation', 'archive', 'calibration', 'nodes', 'cell',
                'studio'},
-    'cli': {'core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'archive', 'calibration',
-            'dme', 'nodes', 'cell', 'studio', 'requirements', 'cli'},
+    'cli': {'core', 'words', 'io', 'simulation', 'analysis', 'api', 'presentation', 'certificate', 'archive',
+            'calibration', 'dme', 'nodes', 'cell', 'studio', 'requirements', 'cli'},
 }
 """Layer: the layers it may import. Arrows point one way only."""
 
@@ -51,7 +54,7 @@ ROOMS = ('run', 'effects', 'model', 'sight', 'uncertainty', 'diagnosis', ('plann
 """Rooms of the core: each imports only those before it; the last ones do not import each other."""
 
 WITHOUT_ROS = ('core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'archive', 'calibration',
-               'dme')
+               'dme', 'api')
 MCAP_MAY = {'io/log_reader.py', 'io/log_writer.py', 'io/message_decoder.py'}
 """The only files that know the library of the log format."""
 IN_CLI = {f'rosette_ros.cli.{name}' for name, _ in VERBS.values()}

@@ -11,27 +11,26 @@ from pathlib import Path
 from rich.markup import escape
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, analyse, change, judge
+from rosette_ros.api.effect_library import amplitudes, effects
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_table
 from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
-from rosette_ros.core.effects.effect import Effect, Quantity, Setting
-from rosette_ros.core.effects.library import EFFECTS, effect
+from rosette_ros.core.effects.effect import Effect, Setting
+from rosette_ros.core.effects.library import effect
 from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model, Term
-from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.run.number_words import significant
 from rosette_ros.core.run.records import Run
-from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.error_results import change_errors, curve_changes
 from rosette_ros.presentation.formatting import micro, model_words
-from rosette_ros.presentation.json_output import change_json, effects_json
+from rosette_ros.presentation.json_output import change_json
 from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.presentation.tables import fitted_effects
-from rosette_ros.words.effect_words import MEANINGS, capital, scale_of
+from rosette_ros.words.effect_words import capital, scale_of
 from rosette_ros.words.verdict_words import titles
 
 ADD, REMOVE = 'add', 'remove'
@@ -51,10 +50,10 @@ def effects_arguments(parser: ArgumentParser) -> None:
 
 def run_effects(options: Namespace) -> None:
     """Print the library or one effect."""
-    chosen = tuple(MEANINGS.values()) if options.name is None else (
-        MEANINGS.get(options.name) or effect(options.name, MEANINGS),)
+    made = effects(options.name)
+    chosen = made.chosen
     if options.json:
-        print_json(effects_json(chosen, {one.name: amplitudes(one) for one in chosen}))
+        print_json(made.to_mapping())
     elif options.name is None:
         out = console()
         print_table(out, Table('library', 'Effects that a model may have and a diagnosis may name', (
@@ -64,14 +63,6 @@ def run_effects(options: Namespace) -> None:
                   '[bold]rosette add --help[/].')
     else:
         show_effect(chosen[0])
-
-
-def amplitudes(one: Effect) -> tuple[Quantity, ...]:
-    """Return what is fitted at one setting of an effect; nothing for the parts of the base model."""
-    if one.name not in EFFECTS:
-        return ()
-    example = planned_run(plan(12, 'random', turning='alternate'), 0.1825)
-    return tuple(one.amplitudes(example, (*one.settings(example), Setting())[0]))
 
 
 def facts(one: Effect) -> list[tuple[str, str]]:

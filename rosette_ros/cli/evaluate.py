@@ -16,12 +16,11 @@ from rosette_ros.analysis import (
     MOST_BALLS_ADVISED,
     MOST_BALLS_JUDGED,
     advise_run,
-    compare,
-    cross_check,
     diagnose,
-    judge,
-    ladder,
 )
+from rosette_ros.api import evaluating
+from rosette_ros.api.evaluating import Evaluation, JointEvaluation, evaluated
+from rosette_ros.api.measurement import read
 from rosette_ros.cli.arguments import add_formats, add_shared, picture_file, plots, positive
 from rosette_ros.cli.console import (
     COLOURS,
@@ -36,29 +35,24 @@ from rosette_ros.cli.console import (
     say,
     warn,
 )
-from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
+from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.joint.conclusion import conclude
-from rosette_ros.core.joint.run_to_run import joint_spheres
 from rosette_ros.core.run.number_words import micrometres
-from rosette_ros.core.sight.visibility import Visibility, visibility
-from rosette_ros.core.uncertainty.error_summary import ONE_SENSE, doubt_of, fit_lines, four_axis_errors
-from rosette_ros.core.uncertainty.uncertainty_budget import stated_lines
-from rosette_ros.io.open_run import joint_identity, open_run
+from rosette_ros.core.sight.visibility import Visibility
+from rosette_ros.core.uncertainty.error_summary import doubt_of, fit_lines
 from rosette_ros.io.text_file import refuse_output
-from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation import joint_results as results
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.budget_results import environment_json, environment_words, hidden_table
-from rosette_ros.presentation.error_results import errors, four_axis_json, four_axis_table
+from rosette_ros.presentation.budget_results import environment_words, hidden_table
+from rosette_ros.presentation.error_results import errors, four_axis_table
 from rosette_ros.presentation.explanation_results import causes, explanations
-from rosette_ros.presentation.formatting import FOUND, NOW, uncertainty_words
-from rosette_ros.presentation.json_output import comparison_json, diagnosis_json, evaluation_json
-from rosette_ros.presentation.tables import curves, deviations, fitted_effects
-from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
+from rosette_ros.presentation.formatting import FOUND, uncertainty_words
+from rosette_ros.presentation.tables import deviations, fitted_effects
+from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import capital
 from rosette_ros.words.joint_words import note_words
@@ -91,55 +85,43 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
 
 def run_evaluate(options: Namespace) -> None:
     """Print the evaluation."""
-    if is_joint(options):
-        evaluate_runs_jointly(options)
-        return
-    opened, refit = Opened(options, options.run_path[0]), None
-    if options.refit_spheres:
-        opened.run, refit = open_refitted(opened.path, options.run_id)
-    fit, tolerances = opened.fit, opened.identity.limits(opened.run.rotation)
-    if options.csv or opened.verdict is None:
-        warn(fit.run)
-    made = opened.budget_of(fit)
-    motions, lines = stated_lines(fit, made, tolerances, doubt_of(opened.verdict))
-    if options.csv:
-        sys.stdout.write(curves(motions).csv())
-        return
-    final = opened.finding.with_cause if opened.finding else None
-    best = opened.budget_of(final) if final else None
-    found, found_lines = stated_lines(final, best) if final else (None, ())
     where = [1e-3 * one for one in options.test_spheres or ()]
-    spheres = [('rotary table', four_axis_errors([found or motions], *where), ONE_SENSE)] if where else []
-    if options.json:
-        more = ({'spheres': spheres_json(refit)} if refit else {}) | four_axis_json(spheres)
-        print_json({**evaluation_json(fit, opened.verdict, lines, final, made, best), **environment_json(best or made),
-                    **more})
+    if is_joint(options):
+        show_joint(options, joint(options, where))
         return
-    out = console()
+    made = evaluated(Opened(options, options.run_path[0]), options.refit_spheres, where)
+    if options.csv or made.verdict is None:
+        warn(made.fit.run)
+    if options.csv:
+        sys.stdout.write(made.as_modelled.table.csv())
+    elif options.json:
+        print_json(made.to_mapping())
+    else:
+        show_evaluation(made, options)
+
+
+def show_evaluation(made: Evaluation, options: Namespace) -> None:
+    """Print the evaluation of a run for a person."""
+    out, fit, told = console(), made.fit, made.best or made.made
     out.print(head(fit.run))
-    if opened.verdict:
-        print_card(out, opened.verdict, options.run_path[0], options.model)
+    if made.verdict:
+        print_card(out, made.verdict, options.run_path[0], options.model)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
-    told = best or made
     print_parts(out, [
-        errors(lines, found=found_lines), *four_axis_table(spheres, f', {FOUND}' * bool(found)),
-        curves(motions, NOW if found else ''),
-        *([curves(found, FOUND)] if found else []), hidden_table(told) if told else None, deviations(fit),
-        fitted_effects(fit, 'Effects in the model'),
+        errors(made.lines, found=made.found_lines), *four_axis_table(made.spheres, f', {FOUND}' * bool(made.found)),
+        made.as_modelled.table, *([made.curves.table] if made.found else []), hidden_table(told) if told else None,
+        deviations(fit), fitted_effects(fit, 'Effects in the model'),
         pairs([*fit_rows(fit), *([('Environment', environment_words(told.inputs.environment))] if told else [])])])
-    if refit:
-        print_parts(out, [sphere_table(refit), pairs(sphere_rows(refit))])
+    if made.refit:
+        print_parts(out, [sphere_table(made.refit), pairs(sphere_rows(made.refit))])
 
 
-def evaluate_runs_jointly(options: Namespace) -> None:
+def show_joint(options: Namespace, made: JointEvaluation) -> None:
     """Print the joint evaluation of all runs."""
-    result = joint_result(options)
-    identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
-    tolerances = identity.limits(result.solution.model.runs[0].rotation)
-    spheres = joint_spheres(result, *(1e-3 * one for one in options.test_spheres)) if options.test_spheres else []
+    result = made.result
     if options.json:
-        print_json({**results.joint_json(result, tolerances), **four_axis_json(spheres)})
+        print_json(made.to_mapping())
     elif options.csv:
         sys.stdout.write(results.joint_csv(result))
     else:
@@ -149,7 +131,7 @@ def evaluate_runs_jointly(options: Namespace) -> None:
         for note in result.notes:
             out.print(escape(note_words(note)), soft_wrap=True)
         print_verdict(out, conclusion_text(conclude(result)))
-        print_parts(out, [*results.joint_errors(result, tolerances), *four_axis_table(spheres),
+        print_parts(out, [*results.joint_errors(result, made.tolerances), *four_axis_table(made.spheres),
                           results.sharing_table(result),
                           *results.joint_curves(result),
                           pairs((name, escape(words)) for name, words in results.joint_rows(result))])
@@ -165,28 +147,21 @@ def diagnose_arguments(parser: ArgumentParser) -> None:
 
 def run_diagnose(options: Namespace) -> None:
     """Print the diagnosis."""
-    opened, other = Opened(options), open_run(options.check) if options.check else None
+    opened, other = Opened(options), read(options.check) if options.check else None
     with doing('diagnosing'):
-        diagnosis = diagnose(opened.run, opened.model)
-    check, invisible = None if other is None else cross_check(other, diagnosis), invisible_effects(diagnosis)
+        found = evaluating.diagnose(opened.measured, opened.model, other)
     if options.json:
-        print_json(diagnosis_json(diagnosis, invisible, check))
+        print_json(found.to_mapping())
         return
-    out = console()
+    out, check = console(), found.check
     out.print(head(opened.run))
-    print_card(out, diagnosis.verdict, options.run_path, options.model)
-    show_diagnosis(out, diagnosis, invisible)
+    print_card(out, found.verdict, options.run_path, options.model)
+    show_diagnosis(out, found.diagnosis, found.invisible)
     if check is not None:
         colour = {True: 'green', False: 'red', None: 'yellow'}[check.confirmed]
         out.print(f'\n[bold]Checked on {escape(check.before.run.run_id or check.before.run.source)}[/], which had no '
                   f'part in the search\n[{colour}]{escape(check_words(check))}[/]')
         print_parts(out, [tables.cross_check(check)])
-
-
-def invisible_effects(diagnosis: Diagnosis) -> tuple[Visibility, ...]:
-    """Return the Visibility of every effect that the run could not have shown."""
-    final, names = diagnosis.final, diagnosis.invisible
-    return visibility(final.run, final.sigma, final.model.base, names=names) if names else ()
 
 
 def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) -> None:
@@ -224,18 +199,18 @@ def run_compare(options: Namespace) -> None:
     if options.noise_picture:
         refuse_output(options.noise_picture, options.force)
     opened = Opened(options)
-    comparison, verdict = compare(opened.run, opened.model), judge(opened.run, opened.model)
-    steps = ladder(opened.run, opened.model) if options.ladder else ()
+    made = evaluating.compare(opened.measured, opened.model, options.ladder)
+    comparison, verdict = made.comparison, made.verdict
     if options.noise_picture:
         plots('plot_style').save(plots('residual_plots').noise(diagnose(opened.run, opened.model).final),
                                  options.noise_picture, options.force)
     if options.json:
-        print_json(comparison_json(comparison, verdict, steps))
+        print_json(made.to_mapping())
         return
     out = console()
     out.print(head(opened.run))
     show_comparison(out, comparison, verdict)
-    print_parts(out, [tables.nested_models(steps)])
+    print_parts(out, [tables.nested_models(made.steps)])
     if verdict.missing or verdict.unnamed:
         model = ('--model', options.model) if options.model else ()
         out.print(f'\nWhat is missing:\n  {escape(command("diagnose", options.run_path, *model))}', soft_wrap=True)

@@ -20,9 +20,10 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
+from rosette_ros.api.evaluating import Diagnosed
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import COLOURS, console, head, pairs, print_table, say
-from rosette_ros.cli.evaluate import invisible_effects, show_comparison, show_diagnosis
+from rosette_ros.cli.evaluate import show_comparison, show_diagnosis
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.model.base_space import BaseSpace
@@ -115,7 +116,7 @@ def tell(out: Console, log_path: Path, model_path: str | None = None, whole: boo
         section(out, '2', 'compare: where does it fail?')
         show_comparison(out, summary.comparison, summary.verdict)
         section(out, '3', 'diagnose: what is missing?')
-        show_diagnosis(out, summary.diagnosis, invisible_effects(summary.diagnosis))
+        show_diagnosis(out, summary.diagnosis, Diagnosed(summary.diagnosis).invisible)
         section(out, '4', 'add: does the residual fall?')
         print_table(out, nested_models(summary.ladder))
         section(out, '5', 'advise: what to measure next?')

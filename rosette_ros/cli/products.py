@@ -3,6 +3,7 @@
 
 import re
 from argparse import ArgumentParser, Namespace
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -10,26 +11,21 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros import command
-from rosette_ros.analysis import stated_budget
+from rosette_ros.api.evaluating import Corrected, budgeted, corrected, corrected_jointly
 from rosette_ros.cli.arguments import UsageError, add_shared, number, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
-from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint_result
-from rosette_ros.core.diagnosis.verdict import Level, Verdict
+from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint
+from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.run.number_words import SCALES
 from rosette_ros.core.run.records import CURVES
-from rosette_ros.core.sight.visibility import visibility
-from rosette_ros.core.table.correction import Correction
 from rosette_ros.core.table.correction_check import backward_share, check_correction
-from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
-from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo, monte_carlo
-from rosette_ros.core.uncertainty.error_summary import refuted
+from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.controller_tables import OF_A_TURN, TNC_UNIT, Axis, linuxcnc
 from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.text_file import refuse_output, write_text
-from rosette_ros.io.touch_log import refit_if_touched
-from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
+from rosette_ros.presentation.budget_results import agreement_words, budget_tables, together_words
 from rosette_ros.presentation.correction_results import check_json, check_table, correction_table
 from rosette_ros.words.budget_words import not_considered
 from rosette_ros.words.effect_words import exact
@@ -78,10 +74,10 @@ def correct_arguments(parser: ArgumentParser) -> None:
 def run_correct(options: Namespace) -> None:
     """Write the file and say what is in it."""
     is_controller = options.target not in ('ros', 'csv')
-    corrected = ('crz',) if is_controller else CURVES
+    chosen = ('crz',) if is_controller else CURVES
     if options.curves is not None:
-        corrected = tuple(options.curves.split(','))
-    if [one for one in corrected if one not in CURVES]:
+        chosen = tuple(options.curves.split(','))
+    if [one for one in chosen if one not in CURVES]:
         raise UsageError(f'--curves: wanted some of {",".join(CURVES)}, got {options.curves!r}')
     for name, targets in (('step', [*STEPS]), ('range', ['csv', 'linuxcnc']), ('detection_unit', ['fanuc']),
                           ('invert', ['sinumerik-cec', 'heidenhain', 'fanuc']),
@@ -105,7 +101,8 @@ def run_correct(options: Namespace) -> None:
         raise UsageError(f'correct: wanted a table of at most {MOST_LINES} lines, got --range {low:g} {high:g} with '
                          f'--step {step:g}; take a larger --step or a smaller --range')
     refuse_output(options.output, options.force)
-    correction, table, verdict, unknown = _correction(options, corrected)
+    made = _correction(options, chosen)
+    correction, table, verdict, unknown = made.correction, made.serial, made.verdict, made.unknown
     notes: list[str] = []
     if options.target == 'linuxcnc':
         text, notes = linuxcnc(correction, low, high, step, controller)
@@ -129,8 +126,8 @@ def run_correct(options: Namespace) -> None:
         bound = dict(zip(CURVES, correction.curvature() * np.deg2rad(step)**2 / 8))
         missed = [f'{exact(factor * max(sizes), 4)} {unit}' for kind, (factor, unit) in (
             ('ct', SCALES['m']), ('cr', SCALES['rad'])) if (sizes := [
-                bound[one] for one in corrected if one.startswith(kind)])]
-        lines.append(f'Straight lines between the angles of the table miss {", ".join(corrected)} by at most '
+                bound[one] for one in chosen if one.startswith(kind)])]
+        lines.append(f'Straight lines between the angles of the table miss {", ".join(chosen)} by at most '
                      f'{" and ".join(missed)}.')
     if is_controller:
         sign = '+' if controller.sign > 0 else '−'
@@ -143,29 +140,12 @@ def run_correct(options: Namespace) -> None:
     out.print('\n' + escape('\n'.join(lines)), soft_wrap=True)
 
 
-def _correction(options: Namespace, corrected: tuple[str, ...]
-                ) -> tuple[Correction, str, Verdict | None, list[str]]:
-    """Return the Correction, the table's serial number, the verdict of one run, and curves of unknown mean reversal."""
+def _correction(options: Namespace, curves: tuple[str, ...]) -> Corrected:
+    """Return the correction from the runs of the options."""
     if is_joint(options):
-        result = joint_result(options)
         identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
-        first, runs = result.curves[0][0].name, result.solution.model.runs
-        by_sense = {table.sense: motions for table, motions in result.curves if table.name == first}
-        forward, backward = (by_sense.get(sense, by_sense.get(0)) for sense in (1, -1))
-        known = [one for one in (forward, backward) if one is not None]
-        unknown = [curve for curve, *are_known in zip(CURVES, *[one.is_known for one in result.reversals
-                                                                if one.table == first])
-                   if curve in corrected and not all(are_known)]
-        return (Correction(known[0], known[-1], corrected, '+'.join(one.run_id for one in runs),
-                           any(one.simulated for one in runs)), identity['table.serial'], None, unknown)
-    opened = Opened(options, options.run_path[0])
-    run = opened.run
-    if run.table_offset:
-        raise UsageError(f'{opened.path}: wanted a run whose table position 1 is at angle 0, got '
-                         f'{np.rad2deg(run.table_offset):.6g} deg; with --joint its curves are in the axes of angle 0')
-    motions = opened.motions
-    return (Correction(motions, motions, corrected, run.run_id, run.simulated), opened.identity['table.serial'],
-            opened.verdict, [])
+        return corrected_jointly(joint(options).result, identity['table.serial'], curves)
+    return corrected(Opened(options, options.run_path[0]), curves)
 
 
 def verify_arguments(parser: ArgumentParser) -> None:
@@ -222,24 +202,19 @@ def run_budget(options: Namespace) -> None:
         raise UsageError('budget: --seed goes with --monte-carlo only; leave it out')
     if options.output:
         refuse_output(options.output, options.force)
-    opened = Opened(options)
-    inputs = opened.inputs or BudgetInputs()
-    fit, refit = opened.fit, refit_if_touched(opened.path, options.run_id)
-    hidden = visibility(opened.run, fit.sigma, fit.model.base) if options.hidden_effects else None
-    made = stated_budget(fit, inputs, opened.finding, refuted(opened.verdict), refit, hidden)
-    found = None
-    if options.monte_carlo:
-        with doing('Monte Carlo', options.monte_carlo) as step:
-            found = monte_carlo(made, options.monte_carlo, options.seed or 0, lambda done: step(done=done))
+    opened, trials = Opened(options), options.monte_carlo or 0
+    with doing('Monte Carlo', trials) if trials else nullcontext(lambda **_: None) as step:
+        one = budgeted(opened, options.hidden_effects, trials, options.seed or 0, lambda done: step(done=done))
+    made, found = one.made, one.found
     if options.output:
         plots('plot_style').save(plots('comparison_plots').budget_bars(made, found), options.output, options.force)
     if options.json:
-        print_json(budget_json(made, found))
+        print_json(one.to_mapping())
         return
     out = console()
     opened.begin(out)
     show_budget(out, made, found)
-    if hidden is None:
+    if not options.hidden_effects:
         out.print('Bounds of effects that this order hides: --hidden-effects')
     if options.output:
         out.print(f'\nPicture: {escape(str(options.output))}', soft_wrap=True)

@@ -17,6 +17,7 @@ from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.log_reader import MAGIC, read_log
 from rosette_ros.io.log_run import LogRun
+from rosette_ros.io.own_readers import own_reader, read_own
 from rosette_ros.io.reading_checks import is_in_seconds
 from rosette_ros.io.text_file import reading
 
@@ -37,6 +38,8 @@ def is_log(path: str | Path) -> bool:
             begin = stream.read(512)
     if not begin:
         raise InvalidData(f'{path}: is empty; wanted {WANTED}')
+    if own_reader(path):
+        return False
     bag.refuse_other(path, begin)
     return begin.startswith(MAGIC) or path.suffix == '.mcap'
 
@@ -103,7 +106,7 @@ def _open(path: str | Path, run_id: str | None, columns_of: ColumnMap | None = N
     if is_log(path):
         log = read_log(path)
         return log.to_run(run_id), log
-    run = read_csv(path, columns_of)
+    run = read_own(read, path) if (read := own_reader(path)) else read_csv(path, columns_of)
     if run_id not in (None, run.run_id):
         raise InvalidData(f'{path}: wanted run {run_id!r}, got {run.run_id!r}')
     # times in an unknown unit are none; a copy of the table keeps them

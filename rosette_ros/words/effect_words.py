@@ -2,13 +2,16 @@
 """Effects in words: names, settings with their units, and the numbers of these."""
 
 import math
+from collections import ChainMap
 from collections.abc import Container, Iterable, Mapping
+from typing import Any
 
+from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.run.number_words import SCALES, UNKNOWN, Scale
 from rosette_ros.core.run.records import in_time
 
-MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}
+MEANINGS: Mapping[str, Effect] = ChainMap[str, Any](EFFECTS, {effect.name: effect for effect in BASE_EFFECTS})
 """Every name that a diagnosis can give, with what it means."""
 MICRO_DECIMALS = 3
 OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn'), 'height': Scale(1e3, 'mm'),

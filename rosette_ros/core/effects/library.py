@@ -13,6 +13,7 @@ from rosette_ros.core.effects.effect import Effect, PhysicalEffect, Quantity
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.run.errors import InvalidModel, unknown_name
 from rosette_ros.core.run.records import Run
+from rosette_ros.plugins import added
 
 EFFECTS: dict[str, PhysicalEffect] = {one.name: one for one in (
     PhysicalEffect('frame_drift', move.FrameAxes(), of.Drift(), Quantity('d', 'm/s', 'drift rate along'),
@@ -313,8 +314,21 @@ EFFECTS: dict[str, PhysicalEffect] = {one.name: one for one in (
         look='Dirt on the ball or stylus, a false trigger; measure that ball again.', formula='d for one reading',
         source='GUM 3.4.7 (blunders)', repeatable=True))}
 """By name; their order is that of every table and page."""
-OF_ANY_TABLE = sum(not one.needs_tilt for one in EFFECTS.values())
-"""How many of them any table can have, whichever way its axis points."""
+
+
+def add_effect(own: object) -> None:
+    """Add an effect of a laboratory to the library: files may name it, and every diagnosis searches for it.
+
+    Raises InvalidModel where it is none, or another one has its name."""
+    if not isinstance(own, PhysicalEffect):
+        raise InvalidModel(f'own effect: wanted a PhysicalEffect, got {type(own).__name__}')
+    if EFFECTS.get(own.name, own) is not own:
+        raise InvalidModel(f'own effect {own.name}: wanted another name; the library has one of this name')
+    EFFECTS[own.name] = own
+
+
+for _own in added('rosette.effects').values():
+    add_effect(_own)
 
 
 def effects_of(run: Run) -> dict[str, Effect]:

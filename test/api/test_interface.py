@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The interface for Python: what it returns is what the command line prints, and it is loaded when it is used."""
+
+import ast
+import inspect
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+
+import rosette_ros as rosette
+from rosette_ros.cli.main import main
+from rosette_ros.core.run.records import CURVES
+
+DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
+
+
+def machine(balls=6, seed=3, hidden=(DRIFT,)):
+    """Return a machine with a drift of the probe."""
+    return {'seed': seed, 'plate': {'balls': balls}, 'table': {'translation_um': 0.5, 'rotation_urad': 3.0},
+            'hidden': list(hidden)}
+
+
+@pytest.fixture(scope='module')
+def table(tmp_path_factory):
+    """A table of a machine that hides a drift."""
+    path = tmp_path_factory.mktemp('api') / 'hidden.csv'
+    rosette.simulate(machine()).write(path)
+    return path
+
+
+@pytest.fixture(scope='module')
+def found(table):
+    """What is missing in the table."""
+    return rosette.diagnose(table)
+
+
+def printed(capsys, *words):
+    """Return what the command prints."""
+    capsys.readouterr()
+    assert main(list(map(str, words))) == 0
+    return capsys.readouterr().out
+
+
+def same_json(capsys, path, model):
+    """Check that interface and command line give the same text, with and without a model."""
+    assert rosette.evaluate(path).json() + '\n' == printed(capsys, 'evaluate', path, '--json')
+    assert rosette.evaluate(path, model, environment='workshop').json() + '\n' == printed(
+        capsys, 'evaluate', path, '--model', model, '--environment', 'workshop', '--json')
+    assert rosette.diagnose(path).json() + '\n' == printed(capsys, 'diagnose', path, '--json')
+    assert rosette.compare(path, model, ladder=True).json() + '\n' == printed(
+        capsys, 'compare', path, '--model', model, '--ladder', '--json')
+    assert rosette.budget(path, environment='laboratory').json() + '\n' == printed(
+        capsys, 'budget', path, '--environment', 'laboratory', '--json')
+
+
+def test_json_is_that_of_the_command_line(table, tmp_path, capsys):
+    """Byte for byte."""
+    model = tmp_path / 'model.yaml'
+    assert main(['add', 'frame_drift', '--model', str(model)]) == 0
+    same_json(capsys, table, model)
+    assert rosette.plan('row', balls=6, radius_mm=180).json() + '\n' == printed(
+        capsys, 'plan', '--order', 'row', '--balls', '6', '--radius-mm', '180', '--json')
+    assert rosette.plan('row', 'there_and_back:4', balls=6).json() + '\n' == printed(
+        capsys, 'plan', 'row', 'there_and_back:4', '--balls', '6', '--radius-mm', '182.5', '--json')
+    assert rosette.effects('frame_drift').json() + '\n' == printed(capsys, 'effects', 'frame_drift', '--json')
+    assert rosette.advise(balls=6, order='row').json() + '\n' == printed(
+        capsys, 'advise', '--balls', '6', '--order', 'row', '--json')
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('seed', range(10))
+def test_json_of_ten_runs(seed, tmp_path, capsys):
+    """Of other plates, orders and hidden effects; plans of their orders, too."""
+    balls, order = 5 + seed % 5, ('row', 'diagonal', 'random', 'interleaved')[seed % 4]
+    hidden = [{'seed': seed, 'most': 2}, [DRIFT], []][seed % 3]
+    run = rosette.simulate({**machine(balls, seed), 'hidden': hidden}, order)
+    run.write(path := tmp_path / 'run.csv')
+    model = tmp_path / 'model.yaml'
+    assert main(['add', 'table_zero_drift', '--model', str(model)]) == 0
+    same_json(capsys, path, model)
+    assert rosette.plan(order, balls=balls, seed=seed).json() + '\n' == printed(
+        capsys, 'plan', '--order', order, '--balls', balls, '--radius-mm', '182.5', '--seed', seed, '--json')
+
+
+def test_several_runs_are_evaluated_as_one(table, tmp_path, capsys):
+    """The paths as they are given, the JSON byte for byte."""
+    other = tmp_path / 'other.csv'
+    rosette.simulate(machine(seed=4, hidden=()), 'row').write(other)
+    made = rosette.evaluate([table, other])
+    assert made.json() + '\n' == printed(capsys, 'evaluate', table, other, '--joint', '--json')
+    assert made.curves.to_frame().shape == (6, 13)
+
+
+def test_five_lines_from_a_table_to_curves(table, found, tmp_path):
+    """What is hidden is found, the model has it, and the curves are the truth within U."""
+    run = rosette.read(table)
+    assert found.missing == ('frame_drift',) and found.level == 'bad'
+    result = rosette.evaluate(run, found.model)
+    frame, truth = result.curves.to_frame(), rosette.simulate(machine()).truth
+    assert list(frame) == ['angle', *CURVES, *(f'U_{curve}' for curve in CURVES)]
+    assert frame.attrs['units'] == {'angle': '°', **{f'{u}{c}': 'µm' if c[1] == 't' else 'µrad' for u in ('', 'U_')
+                                                     for c in CURVES}}
+    off = (frame[list(CURVES)].to_numpy() - 1e6 * truth.values) / frame[[f'U_{c}' for c in CURVES]].to_numpy()
+    assert np.sqrt(np.mean(off**2)) < 1.0  # U is 2 u: 0.5 is expected
+    page = rosette.report(run, found.model, tmp_path / 'report.html')
+    assert page.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
+    with pytest.raises(rosette.InvalidData, match='exists already'):
+        rosette.report(run, found.model, page)
+
+
+def test_a_result_is_shown_in_words_in_a_notebook_and_as_a_frame(table, found):
+    """The sentence of the verdict, a card in its colour, tables whose note and units go with them."""
+    sentence = json.loads(found.json())['verdict']
+    assert str(found).startswith(sentence) and sentence in repr(found)
+    card = found._repr_html_()
+    assert '#c62828' in card and '<table>' in card
+    assert 'frame_drift' in set(found.to_frame('candidates')['effect'])
+    with pytest.raises(rosette.RosetteError, match="to_frame: wanted one of .*, got 'no'"):
+        found.to_frame('no')
+    for result in (rosette.compare(table), rosette.ladder(table, found.model), rosette.budget(table),
+                   rosette.correct(table, found.model), rosette.plan('row', balls=6), rosette.effects()):
+        assert len(result.to_frame()) > 0 and '<table>' in result._repr_html_()
+    for drawn in (found, rosette.evaluate(table), rosette.compare(table), rosette.plan('row', balls=6)):
+        assert drawn.plot().axes
+
+
+def test_a_dataframe_with_other_names_is_read(table):
+    """The same readings give the same run; NaN is an empty cell; what is missing is proposed."""
+    run = rosette.read(table)
+    own = run.to_frame().rename(columns={'table_position': 'Tisch', 'ball': 'Kugel', 'x_mm': 'X', 'y_mm': 'Y',
+                                         'z_mm': 'Z', 'temperature_C': 'Temp'})
+    own.loc[3, 'Temp'] = np.nan
+    columns = {'table': 'Tisch', 'ball': 'Kugel', 'x': 'X', 'y': 'Y', 'z': 'Z', 'time': 'time_s', 'radius_mm': 182.5}
+    again = rosette.read(own, columns).run
+    assert np.array_equal(again.time, run.run.time) and np.allclose(again.centre, run.run.centre, rtol=0, atol=1e-15)
+    same = rosette.read({name: own[name].tolist() for name in own}, columns).run
+    assert same == again
+    with pytest.raises(rosette.InvalidData, match=r"if these are ball centres: columns=\{'table': 'Tisch', .*radius"):
+        rosette.read(own.drop(columns='table_angle_deg'))
+    with pytest.raises(rosette.InvalidData, match='wanted the column T of --columns, got Tisch,Kugel'):
+        rosette.read(own, {**columns, 'table': 'T'})
+    with pytest.raises(rosette.InvalidData, match='wanted a DataFrame, or columns by name, got DataFrame'):
+        rosette.read(pandas.DataFrame([[1, 2]]))
+
+
+def test_a_correction_is_written(table, found, tmp_path):
+    """As the command writes it."""
+    rosette.correct(table, found.model).write(tmp_path / 'one.yaml')
+    (tmp_path / 'model.yaml').write_text('schema: rosette-model/1\neffects: [frame_drift]\n', encoding='utf-8')
+    assert main(['correct', str(table), '--model', str(tmp_path / 'model.yaml'), '-o', str(tmp_path / 'two.yaml')]) == 0
+    assert (tmp_path / 'one.yaml').read_text(encoding='utf-8') == (tmp_path / 'two.yaml').read_text(encoding='utf-8')
+
+
+def test_importing_loads_nothing():
+    """Not even numpy; errors and records load no plots and no files."""
+    script = ('import sys, time; began = time.process_time(); import rosette_ros as rosette\n'
+              'assert time.process_time() - began < 0.1 and "numpy" not in sys.modules\n'
+              'rosette.InvalidData; rosette.Run\n'
+              'assert not {"scipy", "matplotlib", "pandas", "yaml"} & sys.modules.keys()\n'
+              'rosette.simulate({"plate": {"balls": 5}}, "row")\n'
+              'assert not {"matplotlib.figure", "pandas"} & sys.modules.keys()\n')
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_all_names_are_there_typed_and_documented():
+    """Those that type checkers see are those that are loaded, and each is explained."""
+    tree = ast.parse(Path(rosette.__file__).read_text(encoding='utf-8'))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    typed = {alias.name: node.module for node in block.body for alias in node.names}
+    assert {name: f'rosette_ros.{module}' for name, module in rosette._PLACE.items()} == {
+        name: module for name, module in typed.items() if name not in rosette._MODULES}
+    for name in rosette.__all__:
+        assert inspect.getdoc(getattr(rosette, name)), name
+    assert 'evaluate' in dir(rosette)
+    with pytest.raises(AttributeError, match='no attribute'):
+        rosette.evaluated  # noqa: B018
+
+
+def test_a_laboratory_adds_effects_and_readers_by_entry_points(tmp_path, table):
+    """In a package of its own: every process has them, the command line too."""
+    (tmp_path / 'lab.py').write_text(
+        'from rosette_ros import PhysicalEffect, Quantity, courses, motions\n'
+        'lift = PhysicalEffect("lab_lift", motions.TableAxial(), courses.Drift(), Quantity("d", "m/s", "rate"),\n'
+        '                      plain="lift of the laboratory", meaning="The table rises.")\n'
+        'def read(path):\n'
+        '    rows = [line.split("|") for line in path.read_text().splitlines()]\n'
+        '    names = dict(zip("table ball x y z".split(), rows[0]))\n'
+        '    return dict(zip(rows[0], zip(*rows[1:]))), {**names, "radius_mm": 182.5}\n', encoding='utf-8')
+    info = tmp_path / 'lab-1.0.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n', encoding='utf-8')
+    (info / 'entry_points.txt').write_text('[rosette.effects]\nlift = lab:lift\n[rosette.readers]\nlab = lab:read\n',
+                                           encoding='utf-8')
+    run = rosette.read(table).to_frame()
+    names = {'table_position': 'T', 'ball': 'B', 'x_mm': 'X', 'y_mm': 'Y', 'z_mm': 'Z'}
+    run[list(names)].rename(columns=names).to_csv(tmp_path / 'run.lab', sep='|', index=False)
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])}
+    for words, wanted in (('effects lab_lift', 'The table rises.'), ('info run.lab', '6 balls on R = 182.5 mm'),
+                          ('evaluate run.lab', '36 ball centres')):
+        done = subprocess.run([sys.executable, '-m', 'rosette_ros.cli.main', *words.split()], capture_output=True,
+                              text=True, cwd=tmp_path, env=environment, check=False)
+        assert done.returncode == 0 and wanted in done.stdout, done.stderr
+
+
+def test_own_effects_and_readers_of_this_process(table, monkeypatch):
+    """A name that the library has is refused, and what is no effect."""
+    with pytest.raises(rosette.InvalidModel, match='own effect: wanted a PhysicalEffect, got str'):
+        rosette.add_effect('frame_drift')
+    twin = rosette.PhysicalEffect('frame_drift', rosette.motions.TableAxial(), rosette.courses.Drift(),
+                                  rosette.Quantity('d', 'm/s', 'rate'), meaning='Another one.')
+    with pytest.raises(rosette.InvalidModel, match='own effect frame_drift: wanted another name'):
+        rosette.add_effect(twin)
+    rosette.add_reader('.Lab', lambda path: (pandas.read_csv(path, comment='#'), {'radius_mm': 182.5}))
+    copy = table.with_suffix('.lab')
+    copy.write_bytes(table.read_bytes())
+    assert np.array_equal(rosette.read(copy).run.centre, rosette.read(table).run.centre)
+
+
+def test_a_package_that_is_missing_is_named(monkeypatch, found):
+    """pandas, where a DataFrame is asked for."""
+    monkeypatch.setitem(sys.modules, 'pandas', None)
+    with pytest.raises(rosette.PackageMissing, match='to_frame: wanted the Python package pandas, got none; pip'):
+        found.to_frame()
