@@ -15,6 +15,8 @@ from rosette_ros.io.table_heading import KEYS, SCHEMA
 from rosette_ros.plugins import added
 
 GROUP = 'rosette.readers'
+EXAMPLE = {'table': '...', 'ball': '...', 'x': '...', 'y': '...', 'z': '...', 'radius_mm': 182.5}
+"""What is asked of columns whose names say nothing."""
 KNOWN = ('', '.csv', '.mcap', '.txt')
 """Endings of files that need no reader of their own."""
 Columns = Mapping[str, object]
@@ -46,7 +48,8 @@ def run_of_table(table: Any, columns: Columns | None = None, source: str = 'tabl
     table: a DataFrame of pandas or any other library, or a mapping of columns, each (N,); columns: what is which column
     where they have other names than in a ball-centre table, and keys of its heading, such as radius_mm; source: what
     errors call it. Raises InvalidData as for a file."""
-    names = list(getattr(table, 'columns', table))
+    seen = getattr(table, 'columns', table)
+    names = list(seen) if isinstance(seen, Iterable) else []
     if not names or not all(isinstance(name, str) for name in names):
         raise InvalidData(f'{source}: wanted a DataFrame, or columns by name, got {type(table).__name__}')
     given = {key: str(value) for key, value in (columns or {}).items()}
@@ -60,9 +63,10 @@ def run_of_table(table: Any, columns: Columns | None = None, source: str = 'tabl
     rows.writerow(names)
     rows.writerows(zip(*(map(_cell, _values(table[name])) for name in names), strict=True))
     data = text.getvalue().encode()
-    if not mapped and (proposal := proposal_for(data, source)) and proposal.is_enough:
+    if not mapped and (proposal := proposal_for(data, source)):
+        known = proposal.entries if proposal.is_enough else EXAMPLE
         raise InvalidData(f'{source}: wanted the columns and the radius of a ball-centre table, got '
-                          f'{",".join(names):.200}; if these are ball centres: columns={proposal.entries}')
+                          f'{",".join(names):.200}; if these are ball centres: columns={known}')
     return parse_csv(data, source, read_columns(mapped))
 
 

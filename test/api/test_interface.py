@@ -145,8 +145,11 @@ def test_a_dataframe_with_other_names_is_read(table):
         rosette.read(own.drop(columns='table_angle_deg'))
     with pytest.raises(rosette.InvalidData, match='wanted the column T of --columns, got Tisch,Kugel'):
         rosette.read(own, {**columns, 'table': 'T'})
-    with pytest.raises(rosette.InvalidData, match='wanted a DataFrame, or columns by name, got DataFrame'):
-        rosette.read(pandas.DataFrame([[1, 2]]))
+    with pytest.raises(rosette.InvalidData, match=r"got a,b; if these are ball centres: columns=\{'table': '...'"):
+        rosette.read({'a': [1], 'b': [2]})
+    for wrong in (pandas.DataFrame([[1, 2]]), None, 3):
+        with pytest.raises(rosette.InvalidData, match='wanted a DataFrame, or columns by name, got'):
+            rosette.read(wrong)
 
 
 def test_a_correction_is_written(table, found, tmp_path):
