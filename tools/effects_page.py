@@ -4,6 +4,7 @@
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 
+from rosette_ros.core.effects.composed import COMPOSED, GOING, MOVING
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
@@ -49,6 +50,15 @@ settings). What is absorbed may bias the six curves; `rosette diagnose` states b
 the table backwards in every second inner loop; `ball_sag` is that of a table along x. `rosette advise` gives the
 shares, smaller ones too, for any number of balls or for a run.
 """
+COMPOSED_LAWS = f"""
+## Composed laws
+
+The library has laws with an origin in the field. Any other motion of a body may follow any other course:
+{len(COMPOSED)} more laws, put together from the two tables below, are searched and can be added to a model. Their names
+are those of the motion and of the course: `axis_tilt_pulse` is a temporary tilt of the table axis,
+`cmm_squareness_lag` a squareness that lags the temperature. What the library has keeps its name; only the
+table follows a course of its travel (`asynchronous`).
+"""
 CUSTOM = f"""
 ## Custom terms
 
@@ -75,8 +85,17 @@ or `rosette add wave --model FILE --direction z --expression "t*cos(3*alpha)"`.
 
 def page() -> str:
     """Return the page as Markdown text."""
-    parts = [HEAD, BASE, table(BASE_EFFECTS, None), TABLE, table(EFFECTS.values(), shown_by()), CUSTOM]
+    parts = [HEAD, BASE, table(BASE_EFFECTS, None), TABLE, table(EFFECTS.values(), shown_by()),
+             COMPOSED_LAWS, parts_of_laws(), CUSTOM]
     return '\n'.join(part.strip('\n') + '\n' for part in parts)
+
+
+def parts_of_laws() -> str:
+    """Return the tables of motions and courses that composed laws have."""
+    moving = [f'| `{one.name}` | {one.does} | `{one.formula}` | {one.look} |' for one in MOVING]
+    going = [f'| `{how.name}` | {how.how} | `{how.formula}` | {how.look} |' for how in GOING]
+    return '\n'.join(['| motion | what moves | added to p, f the course | possible origin |', '|---|---|---|---|',
+                      *moving, '', '| course | how | f | possible origin |', '|---|---|---|---|', *going, ''])
 
 
 def table(effects: Iterable[Effect], shown: Mapping[str, str] | None) -> str:

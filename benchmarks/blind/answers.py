@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.cause import BODIES, Names, Variables
-from benchmarks.blind.library import statement
+from benchmarks.blind.cause import BODIES, PARTS, Names, Variables
+from benchmarks.blind.library import COMPOSED, statement
 from benchmarks.blind.runs import SIGMA, visible_part
 from benchmarks.blind.truth import Truth
 from rosette_ros.core.effects.free import variables
@@ -87,8 +87,12 @@ def truths(claims: Sequence[Record], truth: Truth, left: float) -> list[bool]:
 
 
 def _fair(truth: Truth, left: float) -> set[str]:
-    """Return the names that are true in a run of which the claims leave so much of what is hidden, in σ."""
-    return {*truth.hidden, *truth.right, *truth.part, *(truth.family if left < ALIKE else ())}
+    """Return the names that are true in a run of which the claims leave so much of what is hidden, in σ.
+
+    Of laws that are put together those that move what moves with what it moves with, where they describe it."""
+    composed = [name for name, (body, variables) in COMPOSED.items()
+                if not {*body}.isdisjoint(truth.body) and not {*variables}.isdisjoint(truth.variables or ())]
+    return {*truth.hidden, *truth.right, *truth.part, *((*truth.family, *composed) if left < ALIKE else ())}
 
 
 def law_judged(levels: Iterable[Record], truth: Truth, left: float) -> list[bool | None]:
@@ -176,6 +180,7 @@ def _agreement(level: Record, body: Names, hidden: Variables, same: Mapping[str,
     depends on a place, too. Variables are those that are hidden where either set determines the other in the run."""
     told = [frozenset(one) | ({'ball'} if 'ball' in level else set()) for one in level['variables']]
     bodies = {one.partition(' along ')[0] for one in level.get('motions', [level['motion']])}
+    bodies = bodies - PARTS | ({'scales and squareness of the CMM'} if bodies & PARTS else set())
     found = [(_closure(one, same), _closure(own, same)) for one in told for own in hidden]
     if 'ball' in level or not bodies.isdisjoint(body):
         return 2 if any(one == own for one, own in found) else int(any(one <= own for one, own in found))

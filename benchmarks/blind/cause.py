@@ -27,7 +27,9 @@ DRIFTS: Names = ('frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'fram
 BODIES: dict[str, Names] = {
     'frame': ('table angle',), 'plate': ('table angle',), 'table or plate turning': ('CMM position', 'ball'),
     'table axis tilting': ('CMM position',), 'plate tilting': ('ball',), 'plate growing': ('CMM position', 'ball'),
-    'scales and squareness of the CMM': ('CMM position',)}
+    'scales and squareness of the CMM': ('CMM position',), 'plate distorting': ('CMM position', 'ball')}
+PARTS = {'first scale of the CMM', 'second scale of the CMM', 'squareness of the CMM'}
+"""What else is said of the scales and squareness of the CMM."""
 """What can move; and on what else, any of them, another displacement of frame or plate depends that is the same."""
 CLIMATE: dict[str, Any] = {'climate': {'cycle_K': 0.1, 'cycle_min': 70.0}}
 """A climate in which the temperature goes up and down during a run."""

@@ -3,7 +3,7 @@
 
 from benchmarks.blind.cause import BODIES, Names, Variables, said
 
-FRAME, PLATE, TURN, AXIS, TILT, GROWTH, SCALES = ((body,) for body in BODIES)
+FRAME, PLATE, TURN, AXIS, TILT, GROWTH, SCALES, OVAL = ((body,) for body in BODIES)
 Z = FRAME + PLATE
 """Along z both move alike."""
 LIBRARY: dict[str, tuple[Names, Variables]] = {
@@ -46,6 +46,15 @@ LIBRARY: dict[str, tuple[Names, Variables]] = {
     'outlier': ((), ()),
 }
 """Of each effect what moves, and its variables, alternatives; a single wrong reading has none."""
+COMPOSED: dict[str, tuple[Names, Variables]] = {
+    f'{part}_{course}': (body, said(variable)) for part, body in (
+        ('table_zero', TURN), ('axis_tilt', AXIS), ('plate_tilt', TILT), ('plate_slide', PLATE),
+        ('plate_growth', GROWTH), ('plate_oval', OVAL), ('cmm_scale', SCALES), ('cmm_squareness', SCALES))
+    for courses, variable in (('drift warmup onset cycle step pulse recovery', 'time'),
+                              ('temperature lag', 'temperature'), ('asynchronous', 'travel'))
+    for course in courses.split()}
+COMPOSED['frame_periodic'] = FRAME, said('time')
+"""The same of laws that are put together of a motion and a course."""
 
 
 def statement(name: str) -> tuple[Names, Variables]:
@@ -53,7 +62,7 @@ def statement(name: str) -> tuple[Names, Variables]:
 
     A temperature has a course in time; a tilt, turn or growth moves each place otherwise.
     """
-    body, own = LIBRARY[name]
+    body, own = (COMPOSED | LIBRARY)[name]
     some = (*own, *(one - {'temperature'} | {'time'} for one in own if 'temperature' in one))
     places = [place for one in body if one not in Z for place in BODIES[one]]
     return body, tuple(dict.fromkeys((*some, *(one | {place} for place in places for one in some))))

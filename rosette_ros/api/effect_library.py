@@ -9,8 +9,9 @@ from rosette_ros.api.measurement import model_of
 from rosette_ros.api.result import Result
 from rosette_ros.core.diagnosis.diagnosis import known_of
 from rosette_ros.core.effects import library
+from rosette_ros.core.effects.composed import LAWS, effect
 from rosette_ros.core.effects.effect import Effect, PhysicalEffect, Quantity, Setting
-from rosette_ros.core.effects.library import EFFECTS, effect
+from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
@@ -22,7 +23,7 @@ from rosette_ros.words.effect_words import MEANINGS
 
 def amplitudes(one: Effect) -> tuple[Quantity, ...]:
     """Return what is fitted at one setting of an effect; nothing for the parts of the base model."""
-    if one.name not in EFFECTS:
+    if one.name not in LAWS:
         return ()
     example = planned_run(plan(12, 'random', turning='alternate'), 0.1825)
     return tuple(one.amplitudes(example, (*one.settings(example), Setting())[0]))
@@ -55,7 +56,7 @@ class EffectList(Result):
 
 def effects(name: str | None = None) -> EffectList:
     """Return the library of effects, or one of them; raises InvalidModel, with the nearest name, where it is none."""
-    return EffectList(tuple(MEANINGS.values()) if name is None else (
+    return EffectList((*BASE_EFFECTS, *EFFECTS.values()) if name is None else (
         MEANINGS.get(name) or effect(name, tuple(MEANINGS)),))
 
 

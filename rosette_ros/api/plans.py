@@ -10,7 +10,7 @@ from rosette_ros.analysis import advise as advise_order
 from rosette_ros.analysis import advise_run
 from rosette_ros.api.measurement import Measurement, read, stated_inputs
 from rosette_ros.api.result import DrawnResult, Result, plots
-from rosette_ros.core.effects.library import effect
+from rosette_ros.core.effects.composed import effect
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.planning.plan_comparison import Outlook, outlook
 from rosette_ros.core.run.errors import InvalidPlan

@@ -13,7 +13,7 @@ import pyarrow as pa
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES
 from rosette_ros.core.diagnosis.verdict import Level
-from rosette_ros.core.effects.library import EFFECTS, effect
+from rosette_ros.core.effects.composed import LAWS, effect
 from rosette_ros.core.run.errors import InvalidData, counted, unknown_name
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.sight.visibility import GOOD_SHARE, visibility
@@ -161,7 +161,7 @@ def environment_of_cell(archive: RunArchive, serial: str, otherwise: Environment
     left, lever = at_ball(otherwise, run), run.radius
     effects, kinds = dict[str, Size](), {kind: [0.0, 0] for kind in KINDS}
     for name in left:
-        kind = kind_of(EFFECTS[name])
+        kind = kind_of(LAWS[name])
         sizes = [one.found[name] for one in every if name in one.found]
         shown = sum(name in one.found or name in one.bounds for one in every)
         if sizes:

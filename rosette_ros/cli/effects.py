@@ -16,9 +16,9 @@ from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_table
 from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.effects.composed import effect
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect, Setting
-from rosette_ros.core.effects.library import effect
 from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model, Term
 from rosette_ros.core.run.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.run.number_words import significant

@@ -20,7 +20,7 @@ from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, number, positive, whole
 from rosette_ros.cli.console import console, doing, pairs, print_json, print_parts, warn
 from rosette_ros.cli.opened import Opened
-from rosette_ros.core.effects.library import effect
+from rosette_ros.core.effects.composed import effect
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import UNTIL

@@ -13,6 +13,8 @@ from rosette_ros.simulation.motion import Moment
 from rosette_ros.simulation.probing import TouchPattern
 from rosette_ros.simulation.setting_types import NotNegative, Number, Pair, Positive, Seed, Settings, Vector
 
+MOST_PPM_PER_K = 30.0
+"""Thermal expansion that no material of a plate exceeds: that of zinc."""
 BallNumber = Annotated[int, Field(ge=1)]
 Undulations = Annotated[int, Field(ge=2, le=12)]
 SizeVector = Annotated[Vector, Drawn(lambda by: by.vector(by.size_um))]
@@ -186,7 +188,7 @@ class HiddenPlateExpansion(HiddenEffect):
     @classmethod
     def draw(cls, by: Draw) -> Self:
         ppm = by.sign() * by.angle_urad
-        if by.rng.random() < 0.5:
+        if by.rng.random() < 0.5 or abs(ppm / 0.1) > MOST_PPM_PER_K:
             return cls(rate_ppm_per_h=ppm / by.run.duration_h)
         return cls(coefficient_ppm_per_K=ppm / 0.1)
 

@@ -6,12 +6,13 @@ from collections import ChainMap
 from collections.abc import Container, Iterable, Mapping
 from typing import Any
 
+from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Effect
-from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
+from rosette_ros.core.effects.library import BASE_EFFECTS
 from rosette_ros.core.run.number_words import SCALES, UNKNOWN, Scale
 from rosette_ros.core.run.records import in_time
 
-MEANINGS: Mapping[str, Effect] = ChainMap[str, Any](EFFECTS, {effect.name: effect for effect in BASE_EFFECTS})
+MEANINGS: Mapping[str, Effect] = ChainMap[str, Any](LAWS, {effect.name: effect for effect in BASE_EFFECTS})
 """Every name that a diagnosis can give, with what it means."""
 MICRO_DECIMALS = 3
 OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn'), 'height': Scale(1e3, 'mm'),

@@ -12,6 +12,7 @@ from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict, Verdi
 from rosette_ros.core.diagnosis.wrong_readings import WRONG, WrongReading
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
+from rosette_ros.core.effects.free import OF
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.core.model.noise import Group
 from rosette_ros.core.run.number_words import SCALES, micrometres, multiple, p_words, significant
@@ -49,20 +50,37 @@ VARIABLES = {
     'ball': 'the ball that is measured',
     'travel': 'the angle that the table has turned', 'move size': 'the size of the last table move',
     'time since move': 'the time since the last table move', 'table sense': 'the sense of rotation of the table',
-    'touches': 'the number of readings', 'cmm direction': 'the direction of the last CMM move',
+    'touches': 'the number of readings', 'pause': 'the pause before the reading',
+    'cmm memory': 'the last few CMM moves', 'cmm direction': 'the direction of the last CMM move',
     'cmm distance': 'the length of the last CMM move', 'cmm sense': 'the senses of the last CMM moves',
     'temperature': 'the temperature', 'encoder': 'the lines of the encoder', 'reading': 'one reading'}
 """What a run records of its readings, in words."""
 MOTIONS = {
     'plate growing': 'makes the plate grow or shrink', 'table or plate turning': 'turns the table or the plate',
     'table axis tilting': 'tilts the table axis', 'plate tilting': 'tilts the plate',
+    'plate distorting': 'makes the plate oval',
+    'first scale of the CMM': 'changes the scale of the first axis of the CMM',
+    'second scale of the CMM': 'changes the scale of the second axis of the CMM',
+    'squareness of the CMM': 'changes the squareness of the CMM',
     'scales and squareness of the CMM': 'changes the scales and the squareness of the CMM'}
 """Motions of bodies but for displacements along axes, as verbs."""
+VERBS = {
+    'frame': 'the probe moves', 'plate': 'the plate moves', 'plate growing': 'the plate grows or shrinks',
+    'plate distorting': 'the plate becomes oval', 'table or plate turning': 'the table or the plate turns',
+    'table axis tilting': 'the table axis tilts', 'plate tilting': 'the plate tilts',
+    'first scale of the CMM': 'the scale of the first axis of the CMM changes',
+    'second scale of the CMM': 'the scale of the second axis of the CMM changes',
+    'squareness of the CMM': 'the squareness of the CMM changes',
+    'scales and squareness of the CMM': 'the scales and the squareness of the CMM change'}
+"""What bodies do that may have moved as well."""
+MOST_OTHERS = 3
+"""Alternatives that are said one by one."""
 MOVES: dict[type[Motion], str] = {
     move.FrameAxes: 'the probe moves', move.TableTurn: 'the table turns', move.AxisTilt: 'the table axis tilts',
     move.AxisShiftAndTilt: 'the table axis moves', move.TableAxial: 'the table grows',
     move.PlateSlide: 'the plate moves', move.PlateSlideAndTurn: 'the plate moves', move.PlateGrowth: 'the plate grows',
-    move.PlateOnSupports: 'the plate tilts', move.PlateSaddle: 'the plate warps', move.PlateBending: 'the plate bends',
+    move.PlateOnSupports: 'the plate tilts', move.PlateTilt: 'the plate tilts',
+    move.PlateOval: 'the plate becomes oval', move.PlateSaddle: 'the plate warps', move.PlateBending: 'the plate bends',
     move.BallInPlate: 'a ball moves', move.AlongTableFrame: 'the ball centre is off',
     move.BallForm: 'the balls are not round', move.CmmScales: 'the scales of the CMM grow',
     move.CmmSquareness: 'the angle between x and y changes', move.CmmReversal: 'the CMM lags',
@@ -119,6 +137,7 @@ def unnamed_words(one: MissingEffect) -> str:
         moves = f'moves {body} {f"along its {along[3]}" if along[2] else f"in {along[3]}"}'
     else:
         moves = MOTIONS.get(one.motion, f'moves ({one.motion})')
+    moves += _others_words(one.cause, one.motion.partition(' along ')[0]) if one.cause else ''
     return f'something {moves} {_driven_words(one.cause, own=("ball",) if ball else ())}; its law is {NOT_IN_LIBRARY}'
 
 
@@ -138,7 +157,9 @@ def _driven_words(cause: Cause | None, own: Sequence[str]) -> str:
 
 def member_words(name: str) -> str:
     """Return a member of an explanation: an effect by its title, else by the variables with which something moves."""
-    return plain_name(name) or f'a motion with {_in_words(name)} that is {NOT_IN_LIBRARY}'
+    variables, _, body = name.partition(OF)
+    who = f'a motion of the {body}' if body else 'a motion'
+    return plain_name(name) or f'{who} with {_in_words(variables)} that is {NOT_IN_LIBRARY}'
 
 
 def _in_words(variable: str) -> str:
@@ -250,7 +271,15 @@ def moves_words(one: MissingEffect) -> str:
         return f'reading {cause.number("reading")} is off'
     verb = MOVES[type(effect.motion)] if ball is None else _does(effect, f'ball {ball}')
     others = ''.join(f', or {_with_words(some)}' for some in cause.or_with)
-    return f'{verb} {_with_words([first for first, *_ in cause.variables])}{others}'
+    bodies = _others_words(cause, *effect.moved(one.setting))
+    return f'{verb}{bodies} {_with_words([first for first, *_ in cause.variables])}{others}'
+
+
+def _others_words(cause: Cause, *said: str) -> str:
+    """Return in brackets which bodies it may be as well, beside those that are said."""
+    every = [VERBS[body] for body in cause.bodies if body not in said and body in VERBS]
+    more = [f'{len(every) - MOST_OTHERS} more'] * (len(every) > MOST_OTHERS)
+    return f' (or {" or ".join([*every[:MOST_OTHERS], *more])}: the same here)' if every else ''
 
 
 def _with_words(variables: Iterable[str]) -> str:
@@ -349,8 +378,6 @@ def _limits(verdict: Verdict) -> list[str]:
         if others and one.depth:  # else they are named in the first sentence
             out.append(f'This run cannot distinguish {title_of(one.name)} from {" or ".join(others)}.')
     out = [*dict.fromkeys(out)]
-    sets = [some for one in verdict.missing if one.cause and one.depth == 1 for some in one.cause.variables]
-    out += filter(None, dict.fromkeys(map(_alike_words, sets)))
     if verdict.hidden:
         out.append(f'This run could not have shown {titles(verdict.hidden)}.')
     return out

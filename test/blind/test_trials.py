@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.blind import SETS, Trial, Truth, trials
 from benchmarks.blind.answers import answered, determined, is_told, judged, law_judged, level_judged, truths
-from benchmarks.blind.cause import BODIES, said
-from benchmarks.blind.library import LIBRARY, alike, statement
+from benchmarks.blind.cause import BODIES, PARTS, said
+from benchmarks.blind.library import COMPOSED, LIBRARY, alike, statement
 from benchmarks.blind.regret import regret
 from benchmarks.blind.runs import CROSSED, ORDERS, SIGMA, Plan, true_curves, visible_part
 from benchmarks.blind.trial import CAUSES, NotShown, causes_of
@@ -19,6 +19,7 @@ from rosette_ros.analysis import diagnose
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
+from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.planning.advice import planned_run
@@ -71,11 +72,11 @@ def test_causes_act_where_they_say():
 
 def test_the_table_of_the_library_is_complete():
     """Every effect of the library once, with bodies and variables that can be told, a place beside its body too."""
-    assert set(LIBRARY) == set(EFFECTS)
+    assert set(LIBRARY) == set(EFFECTS) and set(COMPOSED) - set(LIBRARY) >= set(LAWS) - set(EFFECTS)
     for name, (body, variables) in LIBRARY.items():
         assert {*body} <= set(BODIES) and frozenset().union(*variables) <= set(VARIABLES)
         assert bool(body) == bool(variables) == (name != 'outlier')
-    assert set(BODIES) == {'frame', 'plate', *MOTIONS} and frozenset().union(*BODIES.values()) <= set(VARIABLES)
+    assert {*BODIES, *PARTS} == {'frame', 'plate', *MOTIONS} and frozenset().union(*BODIES.values()) <= set(VARIABLES)
     assert set(alike('frame_temperature')) == {'frame_temperature_lag'} and alike('table_backlash') == ()
     assert statement('frame_temperature')[1] == said('temperature', 'time')
     assert statement('plate_tilt_step')[1] == said('time', 'time + ball')

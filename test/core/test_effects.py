@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
+from rosette_ros.core.effects.composed import LAWS, effect
 from rosette_ros.core.effects.courses import Drift
 from rosette_ros.core.effects.effect import PhysicalEffect, Quantity, Setting
 from rosette_ros.core.effects.free import FREE
-from rosette_ros.core.effects.library import EFFECTS, effect, effects_of
+from rosette_ros.core.effects.library import EFFECTS, effects_of
 from rosette_ros.core.effects.motions import FrameAxes
 from rosette_ros.core.effects.run_functions import around
 from rosette_ros.core.model.least_squares import fit
@@ -20,7 +21,7 @@ from rosette_ros.core.run.axes import axis_rotation
 from rosette_ros.core.run.errors import InvalidModel
 from rosette_ros.core.run.geometry import rotate_z
 
-EVERY = [*EFFECTS.values(), FREE]
+EVERY = [*LAWS.values(), FREE]
 FIXED_NAMES = {
     'frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'frame_warmup', 'frame_temperature',
     'frame_temperature_lag', 'frame_cycle', 'frame_step', 'frame_pulse', 'frame_recovery',
@@ -52,12 +53,12 @@ def few_settings(subject, run):
 def test_names_are_the_fixed_ones():
     """The names that files, messages and the screen rely on are all there."""
     assert set(EFFECTS) == FIXED_NAMES
-    assert all(name == subject.name for name, subject in EFFECTS.items())
+    assert all(name == subject.name for name, subject in LAWS.items())
 
 
 def test_every_effect_explains_itself():
     """Each effect says what it means, where to look, its form and where it comes from."""
-    for subject in EFFECTS.values():
+    for subject in LAWS.values():
         for text in (subject.meaning, subject.look, subject.formula, subject.source):
             assert len(text) > 2
         assert subject.meaning.endswith('.')
@@ -92,7 +93,7 @@ def test_factors_are_the_columns():
 
 def test_every_effect_says_what_moves_and_by_what():
     """A body and variables of a reading, as the diagnosis compares causes by them."""
-    for subject in EFFECTS.values():
+    for subject in LAWS.values():
         assert subject.body in {'frame', 'table axis', 'plate', 'ball', 'CMM', 'reading'}
         assert subject.variables and set(subject.variables) <= {
             'time', 'temperature', 'ball', 'table angle', 'CMM position', 'travel', 'table sense', 'cmm sense',
@@ -142,7 +143,7 @@ def test_settings_name_balls_that_the_run_has():
 
 def test_known_truth_is_recovered():
     """An effect with known amplitudes, added to a run, comes back with them, and takes its error away."""
-    for subject in EFFECTS.values():
+    for subject in LAWS.values():
         run = warm_run(8, rotation=axis_rotation([0, 1, 0]) if subject.needs_tilt else None)
         setting = few_settings(subject, run)[0]
         columns = subject.columns(run, setting)
@@ -165,7 +166,7 @@ def test_columns_do_not_depend_on_the_ball_centres():
     """The physics of an effect knows times, angles and senses, never the measured values."""
     run = warm_run()
     other = run.replace(centre=run.centre + 1e-3)
-    for subject in EFFECTS.values():
+    for subject in LAWS.values():
         setting = few_settings(subject, run)[0]
         assert np.array_equal(subject.columns(run, setting), subject.columns(other, setting))
 
@@ -237,7 +238,7 @@ def test_a_rigid_motion_begins_with_the_columns():
     run = warm_run(8)
     run = run.replace(temperature=np.where((run.time > 700) & (run.time < 1300), np.nan, run.temperature))
     arm = RADIUS * np.stack([np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1)
-    for subject in [one for one in EFFECTS.values() if one.moves_plate]:
+    for subject in [one for one in LAWS.values() if one.moves_plate]:
         tilts = [one for one in subject.settings(run) if one.get('motion') == 'tilt']
         for setting in (*few_settings(subject, run), *tilts[:3]):
             columns = subject.columns(run, setting)
@@ -272,7 +273,7 @@ def test_an_unknown_name_is_refused_with_the_nearest():
 def test_effects_are_what_the_run_says(order, n):
     """In every order each effect has settings and columns of the right size."""
     run = warm_run(n, order)
-    for subject in EFFECTS.values():
+    for subject in LAWS.values():
         for setting in few_settings(subject, run):
             assert subject.columns(run, setting).shape[:2] == (n * n, 3)
 

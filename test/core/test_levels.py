@@ -149,7 +149,7 @@ def test_a_ball_that_surely_moves_is_said_though_not_with_what():
     the ball is said, with all that it may move with."""
     found = found_in('sensitive', {'kind': 'ball_slip', 'ball': 3, 'shift_um': [3.0, 2.0, 1.0], 'at_h': 0.4})
     cause, = found.causes
-    assert cause.bodies == ('ball 3',) and cause.probability > 0.99 and found.missing == ('ball_slip',)
+    assert cause.bodies == ('ball 3',) and cause.probability > 0.95 and found.missing == ('ball_slip',)
     assert cause.or_with and frozenset(cause.or_with[0]) in cause.alternatives and not cause.law_certain
     assert cause.law_probability < 0.9 and () in dict(cause.laws)
     missing, = found.verdict.missing

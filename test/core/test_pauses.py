@@ -64,6 +64,6 @@ def test_numbers_that_no_calculation_ends_with_are_refused_in_words(paused, monk
     def diverge(*_):
         raise np.linalg.LinAlgError('Eigenvalues did not converge')
 
-    monkeypatch.setattr('rosette_ros.core.diagnosis.diagnosis.choose_settings', diverge)
+    monkeypatch.setattr('rosette_ros.core.diagnosis.run_search.choose_settings', diverge)
     with pytest.raises(InvalidData, match='cannot be diagnosed .Eigenvalues did not converge.; check its times'):
         diagnose(paused.replace(run_id='another'))

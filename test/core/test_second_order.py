@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from rosette_ros.analysis import judge
 from rosette_ros.core.diagnosis.diagnosis import find
+from rosette_ros.core.effects.composed import effect
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.library import effect
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.run.errors import NotDeterminable

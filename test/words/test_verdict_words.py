@@ -10,8 +10,8 @@ import pytest
 from rosette_ros.core.diagnosis.cause import Cause, Interval, MissingEffect
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
 from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict
+from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.core.uncertainty.stated_environment import Unseen
 from rosette_ros.presentation.formatting import glued
@@ -181,7 +181,7 @@ def test_what_is_less_than_sure_is_suspected():
 
 def test_every_effect_says_what_it_does():
     """Each motion has its verb."""
-    assert {type(one.motion) for one in EFFECTS.values()} == set(MOVES)
+    assert {type(one.motion) for one in LAWS.values()} == set(MOVES)
 
 
 def test_numbers_keep_their_units():

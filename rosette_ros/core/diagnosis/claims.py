@@ -9,9 +9,10 @@ import numpy as np
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.levels import STANDS, causes_of, course_of, motion_of
 from rosette_ros.core.diagnosis.limits import CLAIM, GUARD, SURE
-from rosette_ros.core.diagnosis.log_evidence import Member, State
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, State
 from rosette_ros.core.diagnosis.null_gains import p_of_tail
 from rosette_ros.core.diagnosis.run_search import RunSearch
+from rosette_ros.core.effects.effect import PhysicalEffect
 from rosette_ros.core.effects.free import PLACES, moving_bodies
 from rosette_ros.core.run.records import Floats
 
@@ -59,9 +60,10 @@ class Claims:
     def _is_certain(self, cause: Cause) -> bool:
         """Return whether no other law of the motions of a cause is near its own by likelihood.
 
-        Beside a motion without a name none is certain: what has a law of its own may be a part of it; nor are two
-        of the same motion, in one cause or in two: they may be parts of one that the library does not have; nor is one
-        where a place of the readings stands for the time or travel that it is a law of."""
+        Neither a law of another body nor a course without a name comes near. Beside a motion without a name none is
+        certain: what has a law of its own may be a part of it; nor are two of the same motion or of the same kind
+        of course, in one cause or in two: they may be parts of one that the grammar lacks; nor is one where a place of
+        the readings stands for the time or travel that it is a law of."""
         places = frozenset(PLACES)
         if (len(cause.names) != 1 or cause.law_probability < SURE
                 or any(one.family.is_free for one in self._chosen.members)
@@ -71,12 +73,14 @@ class Claims:
         place = next(k for k, one in enumerate(self._chosen.members) if one.place in cause.places)
         member, rest = self._chosen.members[place], self._chosen.without(place)
         motion, own = motion_of(self._run, member.place), float(rest.line(member.rows).max())
-        if any(motion.agrees(motion_of(self._run, one.place)) for one in rest.members):
+        if any(motion.agrees(motion_of(self._run, one.place)) or _goes_alike(one, member) for one in rest.members):
             return False
-        for offer in rest.offers(is_open=False):
+        least = own - max(NEAR_LAW * own, 2.0)
+        for offer in rest.offers():
+            if offer.family is member.family or offer.log_bf < least - NEAR:
+                continue
             other = self._search.evidence.member(offer.family, offer.setting, offer.volume)
-            if (other.name != member.name and motion.agrees(motion_of(self._run, other.place))
-                    and rest.line(other.rows).max() > own - max(NEAR_LAW * own, 2.0)):
+            if rest.line(other.rows).max() > least:
                 return False
         return True
 
@@ -89,14 +93,15 @@ class Claims:
     def members(self) -> tuple[Member, ...]:
         """The named members that are claimed, the one that explains most first.
 
-        What stands beside a larger motion without a name, or one of the same body and variable, may be a part of it: it
-        is not claimed."""
+        What stands beside a larger motion without a name, or one of the same body and variable, may be a part of it,
+        and what moves most likely by no law has no name: neither is claimed."""
         members, named = self._chosen.members, self._search.posterior.named
         free = [one for one in members if one.family.is_free]
         out = [one for place, one in enumerate(members)
                if one.name in named and self._is_guarded(place) and not any(
                    other.size > one.size or motion_of(self._run, other.place).agrees(motion_of(self._run, one.place))
                    for other in free)
+               and self._cause_of(one).laws[0][0]
                and max(self._cause_of(one).probability, named[one.name].together) >= CLAIM]
         falls = {one: State(self._search.evidence, [other for other in out if other is not one]).rss for one in out}
         return tuple(sorted(out, key=lambda one: -falls[one]))
@@ -166,6 +171,13 @@ class Claims:
         """Return what a state leaves of the readings, (N, 3), without the weights of a tail."""
         left, base = state.residual.reshape(-1, 3), self._search.base
         return np.asarray(base.joint.whitening.inverse(left[None])[0]) if base.noise.tail else left.copy()
+
+
+def _goes_alike(one: Member, other: Member) -> bool:
+    """Return whether two laws of more than a single ball or reading have the same kind of course."""
+    first, second = one.family.effect, other.family.effect
+    return (isinstance(first, PhysicalEffect) and isinstance(second, PhysicalEffect)
+            and type(first.course) is type(second.course) and {first.body, second.body}.isdisjoint(('ball', 'reading')))
 
 
 def shown(member: Member) -> float:

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Cause
-from rosette_ros.core.diagnosis.limits import HEARD, LISTED, SURE
+from rosette_ros.core.diagnosis.limits import HEARD, LISTED, WHOLE
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.free import FREE, PLACES, variables
@@ -90,14 +90,14 @@ def _share(values: Floats, basis: Floats) -> float:
 class _Group:
     """Members of the best hypothesis that say the same, and what the other hypotheses say of it.
 
-    laws: probability of each law that does it; seen: of each variable with which it may move; apart: of each law by
-    which the same body moves with other variables, by these.
+    laws: probability of each law that does it; seen: of each variable with which it may move; moved: of each set of
+    bodies that move; apart: of each law by which the same body moves with other variables, by these.
     """
 
     def __init__(self, places: Sequence[Place], said: Mapping[Place, Cause]) -> None:
         self.places = tuple(places)
         self.said = [said[place] for place in places]
-        self.laws, self.seen = Laws(), dict[str, float]()
+        self.laws, self.seen, self.moved = Laws(), dict[str, float](), dict[frozenset[str], float]()
         self.apart: dict[tuple[str, ...], Laws] = {}
 
     def has_name(self, name: str) -> bool:
@@ -109,6 +109,8 @@ class _Group:
     def count(self, mine: Sequence[Cause], p: float) -> None:
         """Count a hypothesis in which some members say what this group says."""
         _add(self.laws, _law(mine), p)
+        bodies = frozenset(body for one in mine for body in one.bodies if body not in one.alike)
+        self.moved[bodies] = self.moved.get(bodies, 0.0) + p
         for name in frozenset().union(*(one.may_be for one in mine)):
             self.seen[name] = self.seen.get(name, 0.0) + p
 
@@ -119,11 +121,24 @@ class _Group:
             del others[place]
             _add(self.apart.setdefault(tuple(sorted(other.own)), {}), _law([other]), p)
 
+    def _bodies(self) -> list[str]:
+        """Return the bodies of the best hypothesis, and the likeliest others until one of all these moves surely."""
+        out = list(dict.fromkeys(body for one in self.said for body in one.bodies if body not in one.alike))
+        left = {bodies: p for bodies, p in self.moved.items() if bodies.isdisjoint(out)}
+        while sum(left.values()) > (1 - WHOLE) * sum(self.moved.values()):
+            worth: dict[str, float] = {}
+            for bodies, p in left.items():
+                for body in bodies:
+                    worth[body] = worth.get(body, 0.0) + p
+            out.append(max(sorted(worth), key=lambda body: worth[body]))
+            left = {bodies: p for bodies, p in left.items() if out[-1] not in bodies}
+        return out
+
     def cause(self, total: float) -> Cause:
         """Return the Cause; total: probability of all hypotheses that were counted."""
         laws, or_with = self.laws.copy(), []
         for other_variables, others in sorted(self.apart.items(), key=lambda pair: -sum(pair[1].values())):
-            if sum(laws.values()) < SURE * total:
+            if sum(laws.values()) < WHOLE * total:
                 or_with.append(other_variables)
                 for law, p in others.items():
                     _add(laws, law, p)
@@ -131,12 +146,12 @@ class _Group:
         # of several variables those that nearly every explanation has, at least the likeliest
         own = {one: self.seen.get(one, 0.0) for one in frozenset().union(*(some.own for some in self.said))}
         ranked = sorted(own, key=lambda one: (-own[one], one))
-        kept = [one for one in ranked if own[one] >= SURE * max(self.seen.values())] or ranked[:1]
+        kept = [one for one in ranked if own[one] >= WHOLE * max(self.seen.values())] or ranked[:1]
         standing = [frozenset().union(*(some.standing(one) for some in self.said)) - {one} for one in kept]
         sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
 
         alike = [body for one in self.said for body in sorted(one.alike)]
-        bodies = dict.fromkeys([*(body for one in self.said for body in one.bodies if body not in one.alike), *alike])
+        bodies = dict.fromkeys([*self._bodies(), *alike])
         likeliest = tuple((law, p / total) for law, p in sorted(laws.items(), key=lambda pair: -pair[1]))
         return Cause(self.places, tuple(bodies), tuple(reversed(sets.values())), sum(laws.values()) / total, likeliest,
                      or_with=tuple(or_with))

@@ -7,7 +7,8 @@ LISTED = 0.03
 """Probability from which on an explanation is fitted, a law is said and, over that of a name, another name is listed
 that the run cannot tell from it; share of the variance from which on rounding is told."""
 WHOLE = 0.95
-"""Probability that the explanations that are listed, and the readings between which an event lies, hold together."""
+"""Probability that the explanations that are listed, the readings between which an event lies, and the bodies and
+variables that are said, hold together."""
 CLAIM = 0.7
 """Probability of a cause, with what this run cannot tell from it, from which on it is claimed."""
 SURE = 0.9

@@ -189,6 +189,11 @@ class Suggestion:
     volume: float
     next: tuple[Setting, ...] = ()
 
+    @property
+    def log_bf(self) -> float:
+        """The log Bayes factor of the best setting, all sizes included."""
+        return self.gain - self.family.log_prior - self.volume
+
 
 class Evidence:
     """The readings of a run under a model and a noise, and the bank of candidates.

@@ -11,7 +11,7 @@ from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.hypotheses import Looked
 from rosette_ros.core.diagnosis.limits import LISTED, WHOLE
 from rosette_ros.core.diagnosis.log_evidence import Place, State
-from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.run.records import Floats
 
@@ -68,7 +68,7 @@ class Posterior:
     @cached_property
     def unnamed(self) -> float:
         """The probability that something without a name is missing."""
-        return float(sum(p for (names, _), p in self.p.items() if any(name not in EFFECTS for name in names)))
+        return float(sum(p for (names, _), p in self.p.items() if any(name not in LAWS for name in names)))
 
     @cached_property
     def best(self) -> Key:
@@ -83,8 +83,8 @@ class Posterior:
     def named(self) -> dict[str, MissingEffect]:
         """The names of the best hypothesis, the likeliest first, with those that the run cannot tell from them."""
         out = []
-        for name in dict.fromkeys(one for one in self.best[0] if one in EFFECTS):
-            others = {other: p for other, p in self.instead(name).items() if other in EFFECTS and other != name}
+        for name in dict.fromkeys(one for one in self.best[0] if one in LAWS):
+            others = {other: p for other, p in self.instead(name).items() if other in LAWS and other != name}
             least = LISTED * self.of(name)
             alike = tuple(sorted(((other, p) for other, p in others.items() if p > least), key=lambda pair: -pair[1]))
             together = self.of(name, *(other for other, _ in alike))

@@ -18,6 +18,8 @@ SHORTEST = 3
 """Readings that something which passes has at least: fewer are wrong readings."""
 FEWEST_CYCLES = 2.0
 """Cycles in a run at least: what did not come again is any curve in time."""
+OVERTONES = 3
+"""Harmonics of what is periodic, the first one included."""
 TAU = Searched('tau', 's', 'time constant', 'scale')
 ONE_BALL = Searched('ball', '1', 'number of the ball')
 STANDING, TRAVELLING = 'standing', {'against': -1, 'with': 1}
@@ -176,6 +178,23 @@ class Cycle(InTime):
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
+class Periodic(Cycle):
+    """A period of any shape: cos and sin of 2 pi k t/P, k = 1 to 3, the k-th of 1/k of the size of the first.
+
+    Two cycles to an eighth of the readings' number, so that the readings sample the last harmonic."""
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return grid(period=(duration(run) / np.arange(FEWEST_CYCLES, run.size / 8 + 0.1, 0.5)).tolist())
+
+    def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        angle = 2 * np.pi * seconds(run) / values(settings, 'period')
+        order = np.arange(1, OVERTONES + 1)[:, None]
+        return np.concatenate([wave(order * angle[:, None]) for wave in (np.cos, np.sin)], axis=1)
+
+    def variances(self, setting: Setting) -> Floats:
+        return np.tile(1 / np.arange(1, OVERTONES + 1)**2, 2)
+
+
 @dataclass(frozen=True)
 class Step(InTime):
     """H(t - t0); moments between readings, of which neighbours look alike.
@@ -207,7 +226,7 @@ class Pulse(InTime):
         instants = between_readings(run)
         lengths = np.unique(np.geomspace(SHORTEST, max(instants.size - 1, SHORTEST), 12).astype(int))
         return tuple(Setting(t0=float(instants[start]), t1=float(instants[start + length])) for length in lengths
-                     for start in range(0, instants.size - length, max(1, length // 4)))
+                     for start in range(0, instants.size - length, max(1, length // 2)))
 
     def instants(self, run: Run, setting: Setting, name: str) -> Floats:
         """Return the instants beside that of a setting that leave the pulse readings enough."""
@@ -230,9 +249,9 @@ class Recovery(InTime):
     carries = 'nothing'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        moments = between_readings(run, 60)
+        moments = between_readings(run, 40)
         return tuple(Setting(t0=float(t0), tau=float(tau)) for t0, least in zip(moments, shortest(run, moments))
-                     for tau in np.geomspace(duration(run) / 40, duration(run) / 3, 5) if tau >= least)
+                     for tau in np.geomspace(duration(run) / 40, duration(run) / 3, 4) if tau >= least)
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         tau, least = setting.number('tau'), float(shortest(run, np.array([setting.number('t0')]))[0])

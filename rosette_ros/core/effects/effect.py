@@ -240,6 +240,10 @@ class Course(_Factor):
         every = between_readings(run, most=run.size)[1:-1]
         return beside(every, setting.number(name), 1.5 * every.size / between_readings(run).size)
 
+    def variances(self, setting: Setting) -> Floats | None:
+        """Return the prior variances of the functions of a setting, (m,), the largest 1; None where they are alike."""
+        return None
+
     def moments(self, run: Run, setting: Setting) -> dict[str, Floats]:
         """Return for each instant the times of the readings of `at`: any between two of them gives the same waves."""
         at = self.at(run, setting)
@@ -411,6 +415,10 @@ class PhysicalEffect(Effect):
                 tuple((wave[key], tuple([number[part] for part in parts[place]])) for key, place in zip(keys, places)),
                 self.course.at(run, settings[places[0]])))
         return out
+
+    def variances(self, run: Run, setting: Setting) -> Floats:
+        own = self.course.variances(setting)
+        return super().variances(run, setting) if own is None else np.repeat(own, self.width(run, setting) // own.size)
 
     def moved(self, setting: Setting) -> frozenset[str]:
         return self.motion.moved(setting)

@@ -16,10 +16,10 @@ import numpy as np
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import Effect, Factors, Quantity, Searched, Setting
 from rosette_ros.core.run.errors import InvalidModel
-from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.records import Bools, Floats, Ints, Run
 
 NAME = 'free'
-TIMES = ' × '
+TIMES, OF = ' × ', ' | '
 MOST, MOST_OF_TWO = 48, 24
 """Functions of a course at most, of one variable and of two: more would describe single readings."""
 LEAST = 1e-3
@@ -31,6 +31,10 @@ STANDS_STILL = 1e-3
 WALK, EACH = 'rough', 'each'
 MATERN = {'slow': (0.6, 2), 'middle': (0.2, 2), 'quick': (0.07, 2), WALK: (0.3, 1)}
 """Length over the range, and smoothness, of the processes of a variable: 2 once differentiable, 1 a random walk."""
+PAUSES = 0.05
+"""Range of the logarithm of the pauses between readings from which on they are a variable."""
+MEMORY = {'short': 0.5, 'middle': 0.75, 'long': 0.9}
+"""Share of what earlier moves of the CMM left that is there at the next reading, by kind."""
 WAVES = {'smooth': 1.5, EACH: np.inf}
 """Waves per turn at which the size of a process of an angle has fallen to a half; each value by itself."""
 
@@ -49,6 +53,8 @@ class Variable:
     @property
     def pairs(self) -> tuple[str, ...]:
         """The kinds of process of which products are made: the smoothest, and every ball by itself."""
+        if self.name == 'time':  # events and cycles, too, may have a place
+            return tuple(one for one in ('slow', 'quick', WALK) if one in self.kinds)
         return tuple(self.kinds)[:2 if self.name == 'ball' else 1]
 
     @property
@@ -57,14 +63,18 @@ class Variable:
         return tuple(dict.fromkeys((next(iter(self.kinds)), *self.kinds)[::max(len(self.kinds), 1)]))
 
 
-def _ordinary(name: str, unit: str, values: Floats, kinds: tuple[str, ...]) -> list[Variable]:
-    """Return a variable on a line, by cosines that reach beyond its range; none where it hardly changes."""
+def _ordinary(name: str, unit: str, values: Floats, kinds: tuple[str, ...], known: Bools | bool = True,
+              ) -> list[Variable]:
+    """Return a variable on a line, by cosines that reach beyond its range; none where it hardly changes.
+
+    known: whether it is, of each reading (N,): where it is not it has its median, and moves nothing."""
+    values = np.where(known, values, np.median(values[np.broadcast_to(known, values.shape)]))
     if np.ptp(values) <= STANDS_STILL * np.abs(values).max():
         return []
     u = (values - values.min()) / (np.ptp(values) or 1.0)
     order = np.arange(1, min(MOST, max(3, np.unique(values).size - 1)) + 1)
     angle = np.pi * order / (1 + 2 * BORDER)
-    functions = np.cos(angle[:, None] * (u + BORDER))
+    functions = np.cos(angle[:, None] * (u + BORDER)) * known
     return [Variable(name, unit, values, functions, {
         kind: (1 + (angle * length)**2 / (2 * order - 1))**-float(order) for kind in kinds
         for length, order in [MATERN[kind]]})]
@@ -86,20 +96,27 @@ def variables(run: Run) -> tuple[Variable, ...]:
     """Return the variables that a run records and that change in it."""
     time, psi, top = on.seconds(run), on.travel(run), run.n // 2
     step = np.diff(time)
-    gap = np.concatenate([[np.median(step) if step.size else 0.0], step])  # nobody knows what was before the first one
+    gap = np.concatenate([[np.median(step) if step.size else 0.0], step])
     found = [*_ordinary('time', 's', time, tuple(MATERN)), _angle('table angle', run.phi, top),
              _angle('CMM position', run.alpha, top), _angle('ball', run.beta, top)]
-    move = np.diff(psi, prepend=psi[:1] - 2 * np.pi / run.n * np.sign(run.approach[:1] or 1))
-    moved = np.maximum.accumulate(np.where(np.abs(move) > 1e-9, np.arange(run.size), 0))
+    later = np.arange(run.size) > 0  # nobody knows what was before the first reading
+    move = np.diff(psi, prepend=psi[:1])
+    turned = np.abs(move) > 1e-9
+    moved = np.maximum.accumulate(np.where(turned, np.arange(run.size), 0))
+    has_turned = np.logical_or.accumulate(turned)
     if 'table_travel' not in run.unrecorded:
         if np.ptp(psi) > 2.4 * np.pi:  # of one turn it is the table angle
             found += _ordinary('travel', 'rad', psi, ('slow', 'middle', 'quick'))
         size = np.abs(move[moved])
-        if np.unique(np.round(size, 6)).size > 1:
-            found += _ordinary('move size', 'rad', move[moved], ('slow', 'middle'))
+        if np.unique(np.round(size[has_turned], 6)).size > 1:
+            found += _ordinary('move size', 'rad', move[moved], ('slow', 'middle'), has_turned)
             found += [replace(one, kinds={f'in either sense {kind}': variance for kind, variance in one.kinds.items()})
-                      for one in _ordinary('move size', 'rad', size, ('slow', 'middle'))]
-        found += _ordinary('time since move', 's', np.log1p(time - time[moved] + gap[moved]), ('slow', 'middle'))
+                      for one in _ordinary('move size', 'rad', size, ('slow', 'middle'), has_turned)]
+        if has_turned.any():
+            found += _ordinary('time since move', 's', np.log1p(time - time[moved] + gap[moved]), ('slow', 'middle'),
+                               has_turned)
+    if np.ptp(np.log1p(gap)) > PAUSES:
+        found += _ordinary('pause', 's', np.log1p(gap), ('slow', 'middle'), later)
     if np.any(run.approach) and np.ptp(run.approach) > 0:
         sense: Floats = run.approach.astype(float)
         found.append(Variable('table sense', '', sense, sense[None], {'sense': np.ones(1)}))
@@ -108,11 +125,13 @@ def variables(run: Run) -> tuple[Variable, ...]:
         theta, known = on.last_move(run)
         direction = _angle('cmm direction', theta, min(4, top), ('smooth',))
         found.append(replace(direction, functions=direction.functions * known[:, 0]))
+        found += [Variable('cmm memory', '', left[0], left, {word: np.ones(2)}) for word, keep in MEMORY.items()
+                  for left in [on.leaky_sum(np.stack([np.cos(theta), np.sin(theta)]) * known[:, 0], keep)]]
         spot = on.radial(run.alpha)
         way = np.linalg.norm(np.diff(spot, axis=0, prepend=spot[:1]), axis=1)
         last = np.maximum.accumulate(np.where(way > 1e-9, np.arange(run.size), 0))
-        if np.unique(np.round(way[last], 6)).size > 2:
-            found += _ordinary('cmm distance', '1', way[last], ('slow', 'middle'))
+        if np.unique(np.round(way[last][known[:, 0]], 6)).size > 1:
+            found += _ordinary('cmm distance', '1', way[last], ('slow', 'middle'), known[:, 0])
     senses = on.cmm_senses(run)
     if np.isfinite(senses).all() and np.ptp(senses, axis=1).any():
         found.append(Variable('cmm sense', '', senses[0], senses, {'sense': np.ones(len(senses))}))
@@ -137,7 +156,9 @@ def motions(run: Run) -> dict[str, Floats]:
         'frame along x and y': along[:2], 'frame along x, y and z': along,
         'plate along its x and y': plate[:2], 'plate along its x, y and z': plate,
         'plate growing': on.radial(run.alpha)[None], 'table or plate turning': on.tangential(run.alpha)[None],
-        'table axis tilting': waves['frame'], 'plate tilting': waves['plate'],
+        'table axis tilting': waves['frame'], 'plate tilting': waves['plate'], 'plate distorting': on.oval(run),
+        'first scale of the CMM': across[:1], 'second scale of the CMM': across[3:],
+        'squareness of the CMM': across[1:3].sum(axis=0)[None],
         'scales and squareness of the CMM': across}
 
 
@@ -146,7 +167,8 @@ def moving_bodies(run: Run) -> dict[str, Floats]:
     return {name.partition(' along ')[0]: directions for name, directions in motions(run).items()}
 
 
-PLAIN = ('frame along z', 'frame along x and y', 'plate growing', 'table or plate turning', 'table axis tilting')
+PLAIN = ('frame along z', 'frame along x and y', 'plate growing', 'table or plate turning', 'table axis tilting',
+         'first scale of the CMM', 'second scale of the CMM', 'squareness of the CMM')
 """Motions of courses of two variables."""
 OF_BALL = ('frame along z', 'plate along its x and y', 'plate along its x, y and z')
 OF_PLACE = {'ball': OF_BALL, 'CMM position': ('frame along z', 'frame along x and y', 'frame along x, y and z'),
@@ -176,6 +198,17 @@ class FreeEffect(Effect):
                 Searched('along', '', 'which body moves along what'))
 
     def families(self, run: Run) -> Iterator[tuple[str, tuple[Setting, ...]]]:
+        """Yield the variables, with the body that moves, and the settings of each; of one place all bodies together."""
+        for name, some in self._of_variables(run):
+            if name.startswith('one '):
+                yield name, some
+                continue
+            bodies: dict[str, list[Setting]] = {}
+            for one in some:
+                bodies.setdefault(one.word('along').partition(' along ')[0], []).append(one)
+            yield from ((f'{name}{OF}{body}', tuple(each)) for body, each in bodies.items())
+
+    def _of_variables(self, run: Run) -> Iterator[tuple[str, tuple[Setting, ...]]]:
         """Yield the variables and the settings of each set of variables."""
         every = variables(run)
         single: dict[str, list[Setting]] = {}
@@ -187,7 +220,8 @@ class FreeEffect(Effect):
         pairs: dict[str, list[Setting]] = {}
         for one, other in combinations(every, 2):
             if one.name != other.name and 'touches' not in (one.name, other.name):
-                kinds = [(a, b) for a in one.pairs for b in other.pairs]
+                kinds = [(a, b) for a in one.pairs for b in other.pairs
+                         if other.name in OF_PLACE or a not in ('quick', WALK) or one.name != 'time']
                 pairs.setdefault(one.name + TIMES + other.name, []).extend(
                     self._setting(one.name + TIMES + other.name, f'{a}, {b}', along)
                     for a, b in kinds for along in PLAIN)

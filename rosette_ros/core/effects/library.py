@@ -4,14 +4,11 @@
 A Quantity is the amplitude of a function of the course; the motion adds its axes to name and meaning.
 """
 
-from collections.abc import Collection
-
 from rosette_ros.core.effects import ball_courses as of_ball
 from rosette_ros.core.effects import courses as of
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Effect, PhysicalEffect, Quantity
-from rosette_ros.core.effects.free import FREE
-from rosette_ros.core.run.errors import InvalidModel, unknown_name
+from rosette_ros.core.run.errors import InvalidModel
 from rosette_ros.core.run.records import Run
 from rosette_ros.plugins import added
 
@@ -334,15 +331,6 @@ for _own in added('rosette.effects').values():
 def effects_of(run: Run) -> dict[str, Effect]:
     """Return the effects that the cell of a run can have, by name."""
     return {name: one for name, one in EFFECTS.items() if one.can_be_in(run)}
-
-
-def effect(name: str, others: Collection[str] = ()) -> Effect:
-    """Return the effect or free course of a name; raise InvalidModel, with the nearest one or other, if there is none.
-
-    others: names of what is no effect and would have done, too."""
-    if name not in EFFECTS and name != FREE.name:
-        raise InvalidModel(unknown_name('effect', name, (*EFFECTS, *others), 'rosette effects'))
-    return EFFECTS.get(name) or FREE
 
 
 class BaseEffect(Effect):

@@ -22,6 +22,8 @@ FIRST_MOVES = np.linspace(-np.pi, np.pi, 8, endpoint=False)
 """Directions that are tried for a move that is not recorded, rad."""
 AXIS_MOTIONS = {'radial': 'xy', 'axial': 'z', 'tilt': 'ab', 'all': 'xyzab'}
 """Axes of a motion of the table axis by its word, a and b for tilts about x and y."""
+SCALES = {'both': (0, 1), 'first': (0,), 'second': (1,)}
+"""Axes of the CMM whose scales change, by the word for them."""
 HIGHEST = 0.3
 """Greatest height of the balls above the supports or clamps of the plate that is tried, or below them, m."""
 HARMONICS = (2, 3, 4, 5)
@@ -156,6 +158,38 @@ class PlateGrowth(Motion):
 
     def of_body(self, run: Run, setting: Setting, moved: Floats) -> BodyMotion:
         return BodyMotion(growth=moved[0])
+
+
+class PlateOval(Motion):
+    """The plate becomes oval: longer along one of its diameters and as much shorter across it, by R/2 a and R/2 b."""
+
+    body, stated = 'plate', 'plate'
+    like = ('plate distorting',)
+
+    def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
+        return (0, 1)
+
+    def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
+        return tuple(Quantity(f'{one.name}_{name}', one.unit, f'{one.meaning} {words}')
+                     for name, words in (('0', 'along its x'), ('45', 'along its diagonal')))
+
+    def direction(self, run: Run, part: Any) -> Floats:
+        return np.asarray(run.radius * on.oval(run)[part])
+
+
+class PlateTilt(Motion):
+    """The plate tilts on the table about its x and about its y: z at the ball per unit tilt."""
+
+    body, stated = 'plate', 'plate'
+    like = ('plate tilting',)
+    axes = 'xy'
+
+    def direction(self, run: Run, part: Any) -> Floats:
+        lever = np.sin(run.beta) if part == 0 else -np.cos(run.beta)
+        return np.asarray(run.radius * lever[:, None] * on.unit(2, run.size))
+
+    def of_body(self, run: Run, setting: Setting, moved: Floats) -> BodyMotion:
+        return BodyMotion(rotate_z(run.phi, np.stack([*moved, np.zeros(run.size)], axis=1)))
 
 
 class PlateOnSupports(Motion):
@@ -303,14 +337,24 @@ def _harmonics(run: Run) -> list[int]:
 
 
 class CmmScales(Motion):
-    """The scales of the two axes of the CMM across the table axis grow."""
+    """The scales of the two axes of the CMM across the table axis grow, or that of one."""
 
     body, stated = 'CMM', 'machine'
-    like = ('scales and squareness of the CMM',)
-    axes = 'xy'  # of an upright table
+    searched = (Searched('scales', '', 'which of the two axes across the table axis: both, the first, the second'),)
+
+    def moved(self, setting: Setting) -> frozenset[str]:
+        which = setting.word('scales', 'both')
+        return frozenset(['scales and squareness of the CMM' if which == 'both' else f'{which} scale of the CMM'])
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return grid(scales=tuple(SCALES))
+
+    def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
+        return SCALES[setting.word('scales', 'both')]
 
     def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
-        return per_axis(on.cmm_axes_names(run), one)
+        letters = on.cmm_axes_names(run)
+        return per_axis(''.join(letters[axis] for axis in self.parts(run, setting)), one)
 
     def direction(self, run: Run, part: Any) -> Floats:
         along = on.cmm_axes(run)[part]
@@ -321,7 +365,7 @@ class CmmSquareness(Motion):
     """The angle between these two axes changes: along the first by the place along the second."""
 
     body, stated = 'CMM', 'machine'
-    like = ('scales and squareness of the CMM',)
+    like = ('scales and squareness of the CMM', 'squareness of the CMM')
 
     def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
         first, second = tuple(on.cmm_axes_names(run))
@@ -332,13 +376,14 @@ class CmmSquareness(Motion):
         return np.asarray((run.radius * on.radial(run.alpha) @ second)[:, None] * first)
 
 
-class CmmReversal(CmmScales):
+class CmmReversal(Motion):
     """Half the sense of the last move along each of the two axes of the CMM that go to and fro.
 
     The third comes down to every ball. Before an axis has moved, its sense is not in the records: it is searched,
     unknown counts zero.
     """
 
+    body, stated = 'CMM', 'machine'
     like = ('frame',)
     searched = (Searched('first', '', 'sense of the two axes before they first moved in the run'),)
     variables: ClassVar[tuple[str, ...]] = ('cmm sense',)
@@ -351,6 +396,9 @@ class CmmReversal(CmmScales):
 
     def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
         return tuple(enumerate(FIRST_SENSES[setting.word('first', UNKNOWN)]))
+
+    def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
+        return per_axis(on.cmm_axes_names(run), one)
 
     def direction(self, run: Run, part: Any) -> Floats:
         axis, first = part

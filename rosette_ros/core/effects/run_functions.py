@@ -61,8 +61,8 @@ def temperature_waves(run: Run) -> Floats:
     if not known.any():
         return np.full((1, run.size), np.nan)
     at, change = time[known], run.temperature[known] - run.temperature[known][0]
-    if 0 < (step := temperature_step(run)) < np.inf and np.all(np.diff(at) > 0):
-        change = _smoothest(at, change, step / np.sqrt(12))
+    if np.all(np.diff(at) > 0) and (error := temperature_error(run)):
+        change = _smoothest(at, change, error)
     waves = [np.interp(time, at, change - change[0])]
     edges = np.concatenate([time[:1], at, time[-1:]])
     for start, stop in pairwise(edges):
@@ -107,6 +107,17 @@ def temperature_step(run: Run) -> float:
     return float(np.diff(np.unique(values)).min()) if changes < values.size / COARSE else 0.0
 
 
+def temperature_error(run: Run) -> float:
+    """Return the standard deviation of the errors of the recorded temperatures, K: rounding, and what scatters.
+
+    What scatters from reading to reading shows in second differences, of which white noise makes sqrt(6) of its own;
+    of a smooth course they are small."""
+    step, known = temperature_step(run), run.temperature[np.isfinite(run.temperature)]
+    if not np.isfinite(step) or known.size < 4:
+        return 0.0
+    return float(np.hypot(step / np.sqrt(12), np.sqrt(np.mean(np.diff(known, 2)**2) / 6) if not step else 0.0))
+
+
 def lagged(time: Floats, driver: Floats, tau: float) -> Floats:
     """Return what follows a driver (N,), straight between readings, with the time constant tau: tau y' = x - y."""
     out = np.zeros_like(driver)
@@ -141,6 +152,13 @@ def plate_axes(run: Run) -> Floats:
     return out
 
 
+def oval(run: Run) -> Floats:
+    """Return how the balls move where the plate becomes oval along its x, and along its diagonal, (2, N, 3), 1/R."""
+    x, y = plate_axes(run)[..., 0], plate_axes(run)[..., 1]
+    cosine, sine = np.cos(run.beta)[:, None], np.sin(run.beta)[:, None]
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y])
+
+
 @lru_cache(maxsize=4)
 def along_machine(run: Run) -> Floats:
     """Return unit displacements along the axes of the machine for every reading, (3, N, 3)."""
@@ -168,6 +186,14 @@ def axial_tilts(run: Run) -> Floats:
     out[:, 2, 0] = run.radius * np.sin(run.alpha)
     out[:, 2, 1] = -run.radius * np.cos(run.alpha)
     return np.where(np.abs(out) > 1e-12 * run.radius, out, 0.0)
+
+
+def leaky_sum(values: Floats, keep: float) -> Floats:
+    """Return the sums of values (k, N) up to each reading of which a share `keep` stays to the next, of largest 1."""
+    out = np.zeros_like(values)
+    for k in range(1, values.shape[1]):
+        out[:, k] = keep * out[:, k - 1] + values[:, k]
+    return out / max(float(np.abs(out).max()), 1e-9)
 
 
 def last_move(run: Run) -> tuple[Floats, Bools]:

@@ -6,9 +6,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from rosette_ros.core.effects.composed import LAWS, effect
 from rosette_ros.core.effects.custom import CustomTerm
 from rosette_ros.core.effects.effect import Effect, Setting
-from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.run.errors import InvalidModel, kind_of, unknown_name
 
 SCHEMA = 'rosette-model/1'
@@ -54,7 +54,7 @@ class Term:
             return Term(effect(entry))
         if isinstance(entry, Mapping) and 'own' in entry:
             custom = CustomTerm.from_mapping(entry)
-            if custom.name in EFFECTS or custom.name in BASE_TERMS:
+            if custom.name in LAWS or custom.name in BASE_TERMS:
                 raise InvalidModel(f'custom term: {custom.name} is the name of a library effect; choose another')
             return Term(custom)
         if not isinstance(entry, Mapping) or not isinstance(entry.get('name'), str):

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rosette_ros.core.effects.composed import laws_of
 from rosette_ros.core.effects.effect import Effect, Factors, Setting
 from rosette_ros.core.effects.free import FREE, motions
-from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.model.noise import Real, Whitening
@@ -282,11 +282,21 @@ class Bank:
                     group.mix[place, :q] = scaled(sums, np.reshape(variances, (len(wave), q)))
                 else:
                     over = part.rows_of(mean, wave, which)
-                    gram = part.gram(squares, wave, which) - over @ over.transpose(0, 2, 1)
-                    group.mix[place, :q, :q] = orthonormal(gram)
+                    gram = np.asarray(part.gram(squares, wave, which) - over @ over.transpose(0, 2, 1), dtype=float)
+                    group.mix[place, :q, :q] = self._mixed(gram, group.family[place], group.setting[place])
                     longest = np.sqrt(np.maximum(np.einsum('bqq->bq', gram).max(axis=1), 1e-300))
                     group.most[place] = longest * [self.families[k].effect.most(self.families[k].settings[j]) for k, j
                                                    in zip(group.family[place], group.setting[place])]
+
+    def _mixed(self, gram: Floats, family: Ints, setting: Ints) -> Reals:
+        """Return T (b, q, q) of products (b, q, q) of columns of named effects."""
+        mix = orthonormal(gram)
+        for number in np.unique(family):
+            one = self.families[number]
+            if np.ptp(one.effect.variances(self.run, one.settings[0])):
+                own = np.flatnonzero(family == number)
+                mix[own] = [sized(gram[k], one.effect.variances(self.run, one.settings[setting[k]])) for k in own]
+        return mix
 
     def left(self, space: CoordinateSpace) -> dict[Key, Reals]:
         """Return what a model leaves of the blocks of each group, T B M B' T', (b, q, q), by its key."""
@@ -357,7 +367,7 @@ def why_not_judged(effect: Effect, run: Run) -> str:
 
 def families_of(run: Run) -> list[CauseFamily]:
     """Return the families of all effects that a run can judge, and of all free courses."""
-    named = [CauseFamily(effect, effect.name, settings) for effect in effects_of(run).values()
+    named = [CauseFamily(effect, effect.name, settings) for effect in laws_of(run).values()
              if not effect.unavailable(run) and (settings := effect.settings(run))]
     return named + [CauseFamily(FREE, name, settings) for name, settings in FREE.families(run)]
 
@@ -373,8 +383,8 @@ def columns_of(family: CauseFamily, run: Run, setting: Setting) -> Floats:
     columns[:, :, at] = one.waves[wave][:, None, :, None] * one.directions[list(which)][None][:, :, at]
     flat = columns.reshape(-1, run.size, 3)
     centred = (flat - flat.mean(axis=1, keepdims=True)).reshape(len(flat), -1)
-    mix = (np.diag(scaled(np.sum(centred**2, axis=1)[None], family.effect.variances(run, setting)[None])[0])
-           if family.is_free else orthonormal((centred @ centred.T)[None])[0])
+    gram, variance = centred @ centred.T, family.effect.variances(run, setting)
+    mix = orthonormal(gram[None])[0] if np.ptp(variance) == 0 else sized(gram, variance)
     return np.asarray(np.tensordot(mix[np.abs(mix).max(axis=1) > 0], flat, axes=1))
 
 
@@ -406,6 +416,11 @@ def orthonormal(gram: Floats) -> Floats:
     value, vector = np.linalg.eigh(gram * unit[:, :, None] * unit[:, None])
     root = np.where(value > DEPENDENT, 1 / np.sqrt(np.maximum(value, DEPENDENT)), 0)
     return np.asarray((vector * root[:, None]).transpose(0, 2, 1) * unit[:, None])
+
+
+def sized(gram: Floats, variance: Floats) -> Floats:
+    """Return T (q, q) that gives columns of products (q, q) their prior variances (q,)."""
+    return np.diag(scaled(np.diag(gram)[None], variance[None])[0])
 
 
 def scaled(square: Reals, variance: Floats) -> Floats:

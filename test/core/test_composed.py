@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws that the library lacks, put together of a motion and a course: each is found where it is written by hand."""
+
+import numpy as np
+import pytest
+from synthetic import RADIUS, synthetic_run
+
+from rosette_ros.core.diagnosis.diagnosis import find
+from rosette_ros.core.effects.composed import COMPOSED, GOING, LAWS, MOVING
+from rosette_ros.core.effects.library import EFFECTS
+
+SIGMA = 1e-7
+
+
+def hidden(run, name):
+    """Return what a law does to each reading, (N, 3), m, written out from the pose of the machine."""
+    along = run.phi + run.beta
+    out, hours = np.zeros((run.size, 3)), (run.time - run.time[0]) / 3600
+    match name:
+        case 'axis_tilt_pulse':  # 3 urad about x for a quarter of the run: z = R theta_x sin(alpha)
+            there = (np.arange(run.size) >= run.size // 4) & (np.arange(run.size) < run.size // 2)
+            out[:, 2] = 3e-6 * RADIUS * np.sin(along) * there
+        case 'table_zero_asynchronous':  # 2 urad at 0.37 cycles a turn
+            turn = 2e-6 * np.sin(0.37 * run.table_travel + 0.4)
+            out[:, 0], out[:, 1] = -RADIUS * turn * np.sin(along), RADIUS * turn * np.cos(along)
+        case 'cmm_squareness_warmup':  # 15 urad: x goes with y
+            out[:, 0] = 15e-6 * RADIUS * np.sin(along) * -np.expm1(-hours / 0.12)
+        case 'plate_oval_step':  # 3 ppm longer along its own x, as much shorter along its own y
+            x, y = RADIUS * np.cos(run.beta), -RADIUS * np.sin(run.beta)
+            turned = np.stack([x * np.cos(run.phi) - y * np.sin(run.phi), x * np.sin(run.phi) + y * np.cos(run.phi)])
+            out[:, :2] = (3e-6 * turned * (np.arange(run.size) >= run.size // 3)).T
+        case 'plate_tilt_cycle':  # 4 urad about its x, five times in the run
+            out[:, 2] = 4e-6 * RADIUS * np.sin(run.beta) * np.sin(2 * np.pi * 5 * np.arange(run.size) / run.size)
+    return out
+
+
+@pytest.mark.parametrize('name', ['axis_tilt_pulse', 'table_zero_asynchronous', 'cmm_squareness_warmup',
+                                  'plate_oval_step', 'plate_tilt_cycle'])
+def test_a_composed_law_is_found(name):
+    """Each stands 12 times and more above the noise, in an order that shows it."""
+    run, *_ = synthetic_run(7, 'random', seed=5, noise=SIGMA, repeatability=SIGMA)
+    found = find(run.replace(centre=run.centre + hidden(run, name)))
+    assert found.missing == (name,)
+
+
+def test_one_scale_is_told_from_both():
+    """The scale along y alone changes: the law says which."""
+    run, *_ = synthetic_run(7, 'random', seed=6, noise=SIGMA, repeatability=SIGMA)
+    off = np.zeros((run.size, 3))
+    off[:, 1] = 5e-6 * RADIUS * np.sin(run.phi + run.beta) * run.time / run.time.max()
+    found = find(run.replace(centre=run.centre + off))
+    assert found.missing == ('cmm_scale_drift',)
+    assert found.terms[0].fixed['scales'] == 'second'
+
+
+def test_every_motion_goes_with_every_course():
+    """Each pair is a law, of the library or composed; what turns with the table is the table's alone."""
+    kinds = {(type(one.motion), type(one.course)) for one in LAWS.values()}
+    lacking = {(one.name, how.name) for one in MOVING for how in GOING
+               if (type(one.motion), type(how.course(one.unit))) not in kinds}
+    assert lacking == {  # the library has these with more: a turn, either driver, supports, radial and axial
+        ('plate_slide', 'step'), ('plate_growth', 'drift'), ('plate_growth', 'temperature'), ('plate_tilt', 'step'),
+        ('plate_tilt', 'warmup'), ('axis_tilt', 'asynchronous'),
+        *((one.name, 'periodic') for one in MOVING[1:]),  # a period of any shape is looked for in the probe
+        *((name, 'asynchronous') for name in ('frame', 'plate_tilt', 'plate_slide', 'plate_growth', 'plate_oval',
+                                              'cmm_scale', 'cmm_squareness'))}
+    assert not COMPOSED.keys() & EFFECTS.keys()
