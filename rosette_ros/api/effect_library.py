@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rosette_ros.api.measurement import model_of
-from rosette_ros.api.result import Result
+from rosette_ros.api.result import Result, html_of
 from rosette_ros.core.diagnosis.diagnosis import known_of
 from rosette_ros.core.effects import library
 from rosette_ros.core.effects.composed import LAWS, effect
@@ -44,7 +44,10 @@ class EffectList(Result):
         return effects_json(self.chosen, {one.name: amplitudes(one) for one in self.chosen})
 
     def sentences(self) -> tuple[str, ...]:
-        return ()
+        return tuple(f'{one.name}: {one.meaning}' for one in self.chosen)
+
+    def _repr_html_(self) -> str:
+        return html_of(self.tables()[0])
 
     def tables(self) -> tuple[Table, ...]:
         return (Table('library', 'Effects that a model may have and a diagnosis may name', (

@@ -408,10 +408,12 @@ class Corrected(Result):
             return correction_csv(self.correction, np.deg2rad(np.append(np.arange(0.0, 360.0 - 1e-9, step), 360.0)))
         return format_correction(self.correction, self.serial)
 
-    def write(self, path: str | Path, force: bool = False) -> None:
-        """Write it, as a table where the name ends in .csv; raises InvalidData where the file exists, unless `force`.
-        """
+    def write(self, path: str | Path, force: bool = False) -> Path:
+        """Write it, as a table where the name ends in .csv, and return the path.
+
+        Raises InvalidData where the file exists, unless `force`."""
         write_text(path, self.text(Path(path).suffix.lower() == '.csv'), force)
+        return Path(path)
 
 
 def correct(runs: Runs, model: ModelLike = None, curves: Sequence[str] = CURVES, *, inputs: Stated = None,

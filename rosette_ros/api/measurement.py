@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run as it is opened: from a log, a table, a file of a laboratory's own or a DataFrame; and what follows from it."""
 
+import html
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from rosette_ros.io.type_definitions import StoredTypes
 from rosette_ros.presentation.formatting import run_size, unmeasured_words
 from rosette_ros.presentation.joint_results import joint_head
 from rosette_ros.presentation.table_format import Table, column
+from rosette_ros.words.effect_words import fixed
 from rosette_ros.words.reading_words import notes_of, readings_notes, remark_words
 
 Doing = Callable[[str], AbstractContextManager[object]]
@@ -95,13 +97,15 @@ class Measurement:
     def table(self) -> Table:
         """The readings, a row each, coordinates in mm in the table frame."""
         run = self.run
-        values: dict[str, tuple[Any, str]] = {
-            'table_position': (run.table_position, ''), 'ball': (run.ball, ''), 'cmm_position': (run.cmm_position, ''),
-            **{f'{axis}_mm': (1e3 * run.centre[:, place], 'mm') for place, axis in enumerate('xyz')},
-            'table_angle_deg': (np.rad2deg(run.table_angle), '°'), 'time_s': (run.time, 's'),
-            'temperature_C': (run.temperature, '°C'), 'approach': (run.approach, '')}
-        return Table('readings', f'Readings of {self.name}', tuple(
-            column(key, key, some.tolist(), unit=unit) for key, (some, unit) in values.items()))
+        return Table('readings', f'Readings of {self.name}', (
+            column('table_position', 'table position', run.table_position, str), column('ball', 'ball', run.ball, str),
+            column('cmm_position', 'CMM position', run.cmm_position, str),
+            *(column(f'{axis}_mm', axis, 1e3 * run.centre[:, place], partial(fixed, places=5), 'mm')
+              for place, axis in enumerate('xyz')),
+            column('table_angle_deg', 'table angle', np.rad2deg(run.table_angle), partial(fixed, places=4), '°'),
+            column('time_s', 'time', run.time, partial(fixed, places=1), 's'),
+            column('temperature_C', 'temperature', run.temperature, partial(fixed, places=2), '°C'),
+            column('approach', 'approach', run.approach, str)))
 
     def to_frame(self) -> Any:
         """Return the readings as a DataFrame (pandas)."""
@@ -126,7 +130,7 @@ class Measurement:
         return f'<Measurement: {self.sentences()[0]}>'
 
     def _repr_html_(self) -> str:
-        return ''.join(f'<p>{one}</p>' for one in self.sentences()) + html_of(self.table.first(5))
+        return ''.join(f'<p>{html.escape(one)}</p>' for one in self.sentences()) + html_of(self.table.first(5))
 
 
 class JudgedRun:

@@ -61,9 +61,12 @@ class Plan(DrawnResult):
     def draw(self) -> Any:
         return plots('plan_plots').pairs_in_order(self.scheme, self.name)
 
-    def write(self, path: str | Path, force: bool = False) -> None:
-        """Write a plan file (CSV) for `rosette calibrate --plan`; raises InvalidData where one exists."""
+    def write(self, path: str | Path, force: bool = False) -> Path:
+        """Write a plan file (CSV) for `rosette calibrate --plan`, and return the path.
+
+        Raises InvalidData where one exists, unless `force`."""
         write_text(path, format_plan(MeasuringPlan(self.scheme, self.radius)), force)
+        return Path(path)
 
 
 class PlansCompared(Result):

@@ -31,7 +31,7 @@ _AXES = ('x', 'y', 'z')
 _CALLED = {
     'table': 'table|table position|table pos|tisch|tischposition|tischstellung|position|pos',
     'ball': 'ball|ball no|kugel|kugel nr|sphere no', 'angle': 'rotary|rotary angle|table angle|angle|winkel|drehwinkel',
-    'time': 'time|zeit|timestamp|date|datum|date time|datum zeit|zeitpunkt',
+    'time': 'time|zeit|timestamp|date|datum|date time|datum zeit|zeitpunkt|time s|zeit s|seconds|sekunden',
     'temperature': 'temperature|temp|temperatur',
     **{axis: f'{axis}|actual {axis}|{axis} actual|meas {axis}|{axis} meas|ist {axis}|{axis} ist' for axis in _AXES},
     'name': 'feature|feature name|featurename|name|id|element|merkmal|label|characteristic',

@@ -32,7 +32,7 @@ def explanations(found: Diagnosis) -> Table:
     members = tuple(' and '.join(map(_words, one.members)) or 'nothing is missing' for one in every)
     noise = tuple(' and '.join(map(kind_words, one.noise)) or 'white and equal' for one in every)
     return Table('explanations', 'Explanations, the likeliest first', (
-        Column('probability', 'probability', probability, tuple(fixed(100 * p, places=1) for p in probability), '%'),
+        Column('probability', 'probability', probability, tuple(f'{fixed(100 * p, places=1)} %' for p in probability)),
         Column('members', 'what is missing', members, members, number=False),
         Column('noise', 'noise', noise, noise, number=False)))
 

@@ -128,6 +128,17 @@ def test_a_result_is_shown_in_words_in_a_notebook_and_as_a_frame(table, found):
         assert len(result.to_frame()) > 0 and '<table>' in result._repr_html_()
     for drawn in (found, rosette.evaluate(table), rosette.compare(table), rosette.plan('row', balls=6)):
         assert drawn.plot().axes
+    assert 'probability' not in found.to_frame('explanations').attrs['units']  # a part of 1, not %
+    assert len(str(rosette.effects()).splitlines()) == len(rosette.effects().names)
+
+
+def test_a_card_of_readings_shows_them():
+    """Its first rows, as people read numbers; words of a file are no markup."""
+    run = rosette.simulate({'seed': 4, 'plate': {'balls': 8}}, run_id='<b>one')
+    card = run._repr_html_()
+    first = run.to_frame().iloc[0]
+    assert f'<td>{first.x_mm:.5f}</td>'.replace('-', '−') in card and '<th>x / mm</th>' in card
+    assert '<b>one' not in card and '&lt;b&gt;one' in card
 
 
 def test_a_dataframe_with_other_names_is_read(table):
@@ -154,7 +165,7 @@ def test_a_dataframe_with_other_names_is_read(table):
 
 def test_a_correction_is_written(table, found, tmp_path):
     """As the command writes it."""
-    rosette.correct(table, found.model).write(tmp_path / 'one.yaml')
+    assert rosette.correct(table, found.model).write(tmp_path / 'one.yaml') == tmp_path / 'one.yaml'
     (tmp_path / 'model.yaml').write_text('schema: rosette-model/1\neffects: [frame_drift]\n', encoding='utf-8')
     assert main(['correct', str(table), '--model', str(tmp_path / 'model.yaml'), '-o', str(tmp_path / 'two.yaml')]) == 0
     assert (tmp_path / 'one.yaml').read_text(encoding='utf-8') == (tmp_path / 'two.yaml').read_text(encoding='utf-8')
