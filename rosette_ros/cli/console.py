@@ -140,7 +140,8 @@ def pairs(rows: Iterable[tuple[str, str]]) -> rich.table.Table:
 
 def head(run: Run) -> str:
     """Return what was measured in a line, and in further ones what is missing and how a table was read."""
-    lines = (f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}', unmeasured_words(run), *notes_of(run))
+    lines = (f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}',
+             *map(escape, (unmeasured_words(run), *notes_of(run))))
     return '\n'.join(filter(None, lines))
 
 

@@ -86,6 +86,17 @@ def test_a_map_says_all_that_is_missing_at_once():
             parse_csv(data_of, 'plain.csv', read_columns(words))
 
 
+def test_a_unit_in_the_name_of_a_column_is_told_as_it_stands(tmp_path, capsys):
+    """Square brackets are no markup."""
+    table = tmp_path / 'units.csv'
+    table.write_text('N,T,X [mm],Y [mm],Z [mm]\n' + '\n'.join(
+        f'{ball},{place},{x},{y},{z}' for ball, place, (x, y, z) in zip((1, 2, 3) * 2, (1, 1, 1, 2, 2, 2), CENTRES)),
+        encoding='utf-8')
+    columns = 'ball=N,table=T,x=X [mm],y=Y [mm],z=Z [mm],radius_mm=100,balls=3'
+    assert main(['import', str(table), '--columns', columns, '-o', str(tmp_path / 'log')]) == 0
+    assert f'map: {columns}' in ' '.join(capsys.readouterr().out.split())
+
+
 def test_a_clockwise_angle_and_other_units():
     """A minus sign before the column turns it; what the map says of a unit or the radius counts, the heading less."""
     text = '# radius_mm: 1\nN;X;Y;Z;R\n' + '\n'.join(
