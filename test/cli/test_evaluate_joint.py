@@ -29,7 +29,8 @@ def test_there_and_back_as_json(rosette, back):
     answer = rosette('evaluate', back, '--joint', '--json')
     got = json.loads(answer.out, parse_constant=pytest.fail)
     assert got['schema'] == 'rosette-joint-evaluation/1'
-    assert got['level'] == 'good' and got['verdict'].startswith('The run fits one model, with U of crz ')
+    assert got['level'] == 'good' and got['verdict'].startswith('The run fits one model: residual ')
+    assert 'crz' in got['verdict'] and 'in a laboratory environment' in got['verdict']
     assert [got[key] for key in ('unknowns', 'rank', 'hidden', 'hidden_in_curves')] == [198, 185, 13, 10]
     assert [one['sense'] for one in got['curves']] == [1, -1]
     assert len(got['curves'][0]['ctx_m']) == 12
@@ -49,7 +50,7 @@ def test_there_and_back_in_words(rosette, back):
     assert 'The sign is that of ISO 230-2: counter-clockwise (the positive sense) less clockwise. Means: ctx' in out
     assert 'Asynchronous error motion value' not in out  # of one run
     assert '198 unknowns, rank 185' in out
-    assert 'The run fits one model, with U of crz ' in out and ' in a laboratory: residual ' in out
+    assert 'The run fits one model: residual ' in out and ' in a laboratory environment ' in out
     assert 'State the environment of the cell (--environment).' in out
     assert 'beyond what one run knows: the reversal of all six curves, with its means' in out
 
