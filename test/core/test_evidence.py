@@ -53,7 +53,8 @@ def test_the_bank_is_what_dense_columns_are_freed_of_the_model(noise, missing):
     """Its products with readings are those of columns that are written out, at every setting of some families."""
     evidence = evidence_of(run_of(6, missing=missing), noise=noise)
     products = evidence.bank.products(evidence.y[None], evidence.space.whitening)
-    names = ('frame_step', 'asynchronous_motion', 'ball_slip', 'outlier', 'ball_form', 'time', 'time × ball')
+    names = ('frame_step', 'asynchronous_motion', 'ball_slip', 'outlier', 'ball_form', 'time | frame',
+             'time × ball | frame')
     seen = set()
     for key, group in evidence.bank.groups.items():
         for block in range(0, len(group.family), 7):
@@ -67,14 +68,14 @@ def test_the_bank_is_what_dense_columns_are_freed_of_the_model(noise, missing):
 
 
 def test_columns_of_a_named_effect_are_orthonormal_in_the_readings():
-    """Each axis freed of its mean; those of a free course have the sizes of its process."""
+    """Each axis freed of its mean; those of a course with prior variances, free ones too, have these sizes."""
     run = run_of(6)
     for family in families_of(run):
         columns = columns_of(family, run, family.settings[-1])
         assert len(columns), family.name
         flat = (columns - columns.mean(axis=1, keepdims=True)).reshape(len(columns), -1)
         square = np.sum(flat**2, axis=1)
-        if family.is_free:
+        if family.is_free or np.ptp(family.effect.variances(run, family.settings[-1])):
             assert square.max() == pytest.approx(1, rel=1e-5)
         else:
             np.testing.assert_allclose(flat @ flat.T, np.eye(len(flat)), atol=2e-5)

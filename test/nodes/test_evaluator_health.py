@@ -26,7 +26,7 @@ def messages(run_id, rounded):
         target = ProbeTarget(**common, attempt=1, session=1, phase=ProbeTarget.PHASE_RUN, balls=N, radius=run.radius,
                              table_angle=float(run.phi[row]))
         answer = BallCentre(**common, table_angle=float(run.table_angle[row]),
-                            table_travel=float(run.table_travel[row]), temperature=20.0)
+                            table_travel=float(run.table_travel[row]), temperature=20.0 + 0.1 * (row % 2))
         answer.centre.x, answer.centre.y, answer.centre.z = map(float, centre[row])
         for message in (target, answer):
             message.header.frame_id = 'table'

@@ -119,7 +119,7 @@ def test_the_log_of_a_run_holds_its_diagnosis(calibrated):
     assert message.invisible == list(offline.invisible)
     top, wanted = message.candidates[0], offline.candidates[0]
     assert (top.effect, top.p, top.rms_before, top.rms_after) == (
-        'frame_drift', wanted.p, wanted.rms_before, wanted.rms_after)
+        'frame_drift', wanted.p, wanted.before, wanted.after)
     assert top.parameters.value.tolist() == [one.value for one in wanted.parameters]
     assert yaml.safe_load(top.parameters.definition) == {'axes': 'xyz'}
 

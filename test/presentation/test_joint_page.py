@@ -34,7 +34,7 @@ def test_the_page_shows_curves_reversal_knowledge_and_tests():
     result = joint(simulated_run('there_and_back'), simulated_run('diagonal'))
     assert list(joint_pictures(result)) == ['curves', 'reversal']
     page = joint_html(result, command='rosette report A B --joint')
-    for words in (' in a laboratory: residual', 'the reversal of all six curves, with its means',
+    for words in (' in a laboratory environment', 'the reversal of all six curves, with its means',
                   'conditions of validity</h2>', 'once-per-turn part of (ctx, cty): eccentricity', 'p-value',
                   'Means of the reversal curves',
                   'error motions of the table', 'the readings are those of a simulated CMM',

@@ -110,12 +110,18 @@ def temperature_step(run: Run) -> float:
 def temperature_error(run: Run) -> float:
     """Return the standard deviation of the errors of the recorded temperatures, K: rounding, and what scatters.
 
-    What scatters from reading to reading shows in second differences, of which white noise makes sqrt(6) of its own;
-    of a smooth course they are small."""
-    step, known = temperature_step(run), run.temperature[np.isfinite(run.temperature)]
+    What scatters from reading to reading shows in how far each is from the line between its neighbours: errors that are
+    white make each of these go against the next one (correlation -2/3), a smooth course makes it go with it."""
+    step, is_known = temperature_step(run), np.isfinite(run.temperature)
+    known, time = run.temperature[is_known], run.time[is_known]
     if not np.isfinite(step) or known.size < 4:
         return 0.0
-    return float(np.hypot(step / np.sqrt(12), np.sqrt(np.mean(np.diff(known, 2)**2) / 6) if not step else 0.0))
+    if step:
+        return step / np.sqrt(12)
+    share = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
+    off = (known[1:-1] - (1 - share) * known[:-2] - share * known[2:]) / np.sqrt(1 + share**2 + (1 - share)**2)
+    scatter, rounding = float(np.sqrt(np.mean(off**2))), np.spacing(np.abs(known).max())
+    return scatter if off[1:] @ off[:-1] < 0 and scatter > rounding else 0.0
 
 
 def lagged(time: Floats, driver: Floats, tau: float) -> Floats:

@@ -384,7 +384,7 @@ def columns_of(family: CauseFamily, run: Run, setting: Setting) -> Floats:
     flat = columns.reshape(-1, run.size, 3)
     centred = (flat - flat.mean(axis=1, keepdims=True)).reshape(len(flat), -1)
     gram, variance = centred @ centred.T, family.effect.variances(run, setting)
-    mix = orthonormal(gram[None])[0] if np.ptp(variance) == 0 else sized(gram, variance)
+    mix = sized(gram, variance) if family.is_free or np.ptp(variance) else orthonormal(gram[None])[0]
     return np.asarray(np.tensordot(mix[np.abs(mix).max(axis=1) > 0], flat, axes=1))
 
 
