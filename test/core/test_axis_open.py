@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A course in time along x or y: where the order of measurement turns one into the other, no axis is left out."""
+"""A course in time along x or y: where the order turns one into the other, the body is said all the same."""
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from rosette_ros.core.diagnosis.diagnosis import find
 
 def test_an_axis_that_the_order_hardly_shows_is_not_excluded():
     """A frame that follows a temperature that was not recorded, 40 sigma, along all axes: in order diagonal a course
-    along x is nearly another course along y; in order random it is not."""
+    along x is nearly another course along y, and a tilt: the probe is said among what moves with time; in order random
+    it is the probe along all axes."""
     told = {}
     for order, way, constant in (('diagonal', (2.0, 9.2, 3.5), 244), ('random', (-5.1, 6.8, -5.3), 594)):
         clean, machine = Plan(12, order, 9611, groups=(('climate', {'cycle_K': 0.1, 'cycle_min': 70.0}),)).measure()
@@ -21,7 +22,9 @@ def test_an_axis_that_the_order_hardly_shows_is_not_excluded():
         shift *= 40 * SIGMA / np.linalg.norm(visible_part(clean, shift))
         run = noisy(clean, 'white', np.random.default_rng(9611), True, shift)[0]
         found = find(run.replace(temperature=np.full(run.size, np.nan)))
-        told[order] = (found.missing, [(one.motion, set().union(*one.driven_by)) for one in found.unnamed])
+        told[order] = (found.missing, [(one.cause.bodies, one.motion, set().union(*one.driven_by))
+                                       for one in found.unnamed])
     for missing, unnamed in told.values():
-        assert missing == () and len(unnamed) == 1 and 'time' in unnamed[0][1], told
-        assert unnamed[0][0] == 'frame along x, y and z', told
+        assert missing == () and len(unnamed) == 1 and 'time' in unnamed[0][2], told
+        assert 'frame' in unnamed[0][0], told
+    assert told['random'][1][0][1] == 'frame along x, y and z'
