@@ -49,7 +49,7 @@ def test_verification_over_real_nodes(rosette, tmp_path, domain_id):
     (('--open',), '--open goes with --hidden only; leave it out')])
 def test_what_has_no_meaning_is_refused(refused, tmp_path, monkeypatch, words, said):
     """One line, before a cell is started."""
-    monkeypatch.setattr(demo, 'demo_cell', lambda *_: pytest.fail('started a cell'))
+    monkeypatch.setattr(demo, 'in_cell', lambda: pytest.fail('started a cell'))
     monkeypatch.setattr(demo, 'verify_method', lambda _: pytest.fail('started a cell'))
     assert said in refused('demo', *words, '-o', tmp_path / 'runs')
     assert list(tmp_path.iterdir()) == []
