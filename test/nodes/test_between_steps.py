@@ -14,6 +14,7 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.simulation import Machine, load_machine
+from rosette_ros.words.reading_words import notes_of
 
 pytestmark = pytest.mark.long
 
@@ -62,7 +63,7 @@ def test_runs_at_half_pitches(domain_id, cell_of, make_peer, wait_until):
         asked = [target for target in log.targets if target.phase == Phase.RUN]
         assert {round(np.rad2deg(target.table_angle)) for target in asked} == set(range(30, 360, 60))
         assert run.table_offset == pytest.approx(HALF, abs=1e-12) and run.size == N * N
-        assert any('table position 1 is at 30 deg' in note for note in run.notes)
+        assert any('table position 1 is at 30 deg' in note for note in notes_of(run))
         motions = analyse(run).error_motions
         assert np.array_equal(motions.values, outcome.error_motions.values)
         assert np.rad2deg(motions.angle) == pytest.approx(np.arange(30, 360, 60))

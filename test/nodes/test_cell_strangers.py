@@ -170,7 +170,7 @@ def test_a_second_evaluator_service_that_stays_ends_the_question(cell, client, s
     outcome = client.calibrate(on_progress=join, check=cell.check, options=options, **UNTIL)
     servers[0].leave()
     assert outcome.success and servers[0].asked == []
-    assert re.search('; not settled: the evaluator did not answer within 3 s .*: 2 nodes offer '
+    assert re.search(', not settled: the evaluator did not answer within 3 s .*: 2 nodes offer '
                      '/rosette/evaluator/next_readings ', outcome.message), outcome.message
     assert read_log(outcome.log).states[-1].phase == Phase.DONE
 
