@@ -117,7 +117,7 @@ def temperature_error(run: Run) -> float:
     if not np.isfinite(step) or known.size < 4:
         return 0.0
     if step:
-        return step / np.sqrt(12)
+        return float(step / np.sqrt(12))
     share = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
     off = (known[1:-1] - (1 - share) * known[:-2] - share * known[2:]) / np.sqrt(1 + share**2 + (1 - share)**2)
     scatter, rounding = float(np.sqrt(np.mean(off**2))), np.spacing(np.abs(known).max())
