@@ -5,11 +5,9 @@
 
 import importlib
 import os
-import shlex
-import shutil
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from rosette_ros.invocation import __version__ as __version__
 
 if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
     from rosette_ros.api.documents import certify as certify
@@ -66,8 +64,6 @@ if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
 # digits of a sum depend on their number. It is read once, when numpy is imported.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-__version__ = '0.1.0'
-
 _PLACES = {
     'api.documents': 'certify report',
     'api.effect_library': 'EffectList add_effect add_reader effects model',
@@ -100,25 +96,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return [*globals(), *__all__]
-
-
-def command(*words: object) -> str:
-    """Return a command as it is typed in a shell where the user stands: `rosette` with these words."""
-    return ' '.join(map(_quoted, [program(), *map(str, words)]))
-
-
-def _quoted(word: str) -> str:
-    """Return a word as the shell of this system takes it: that of Windows knows double quotes and no escapes."""
-    return shlex.quote(word) if os.name == 'posix' else f'"{word}"' if not word or ' ' in word else word
-
-
-def program() -> str:
-    """Return how `rosette` is called from where the user stands: by its name where that finds it, else by its path."""
-    own = Path(sys.prefix) / ('bin/rosette' if os.name == 'posix' else 'Scripts/rosette.exe')
-    found = shutil.which('rosette')
-    if not own.is_file() or (found and Path(found).samefile(own)):
-        return 'rosette'
-    if not own.is_relative_to(Path.cwd()):
-        return str(own)
-    near = str(own.relative_to(Path.cwd()))
-    return near if os.sep in near else os.path.join('.', near)

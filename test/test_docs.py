@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from rosette_ros import __version__
 from rosette_ros.cli.main import VERBS, Parser, declare, implementation
+from rosette_ros.invocation import __version__
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md')])

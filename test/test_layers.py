@@ -26,27 +26,28 @@ SIMULATION_MAY = frozenset((
 """What the simulated machine shares with the evaluation: records, geometry, correction tables, files, no physics."""
 
 ALLOWED = {
-    '__init__': {'api', 'core'},  # for types; loaded when it is used
+    '__init__': {'api', 'core', 'invocation'},  # all but the last for types; loaded when it is used
+    'invocation': set(),
     'requirements': set(),
     'plugins': set(),
     'core': {'core', 'plugins'},
-    'words': {'core', 'words'},
+    'words': {'core', 'invocation', 'words'},
     'io': {'core', 'io', 'plugins'},
     'simulation': {'core', 'io', 'simulation'},
     'calibration': {'core', 'words', 'io', 'calibration'},
     'analysis': {'core', 'analysis'},
     'dme': {'core', 'io', 'simulation', 'dme'},
-    'presentation': {'core', 'words', 'io', 'analysis', 'presentation'},
-    'certificate': {'core', 'words', 'io', 'analysis', 'presentation', 'certificate'},
-    'archive': {'core', 'words', 'io', 'analysis', 'presentation', 'archive'},
+    'presentation': {'core', 'invocation', 'words', 'io', 'analysis', 'presentation'},
+    'certificate': {'core', 'invocation', 'words', 'io', 'analysis', 'presentation', 'certificate'},
+    'archive': {'core', 'invocation', 'words', 'io', 'analysis', 'presentation', 'archive'},
     'api': {'core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'requirements',
             'api'},
-    'nodes': {'core', 'words', 'io', 'simulation', 'analysis', 'calibration', 'dme', 'nodes'},
-    'cell': {'core', 'words', 'io', 'calibration', 'nodes', 'cell'},
+    'nodes': {'core', 'invocation', 'words', 'io', 'simulation', 'analysis', 'calibration', 'dme', 'nodes'},
+    'cell': {'core', 'invocation', 'words', 'io', 'calibration', 'nodes', 'cell'},
     'studio': {'core', 'words', 'io', 'analysis', 'api', 'presentation', 'archive', 'calibration', 'nodes', 'cell',
                'studio'},
-    'cli': {'core', 'words', 'io', 'simulation', 'analysis', 'api', 'presentation', 'certificate', 'archive',
-            'calibration', 'dme', 'nodes', 'cell', 'studio', 'requirements', 'cli'},
+    'cli': {'core', 'invocation', 'words', 'io', 'simulation', 'analysis', 'api', 'presentation', 'certificate',
+            'archive', 'calibration', 'dme', 'nodes', 'cell', 'studio', 'requirements', 'cli'},
 }
 """Layer: the layers it may import. Arrows point one way only."""
 
@@ -94,9 +95,7 @@ def imports(tree):
 
 def own(names):
     """Return imports of this package as paths inside it: rosette_ros.core.model.least_squares -> core.model...."""
-    return sorted(name.partition('.')[2] for name in names
-                  if name.startswith('rosette_ros.')
-                  and name.removeprefix('rosette_ros.') not in ('__version__', 'program', 'command'))
+    return sorted(name.partition('.')[2] for name in names if name.startswith('rosette_ros.'))
 
 
 def is_module(name):

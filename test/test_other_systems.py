@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from test_layers import FILES, PACKAGE, ROS, WITHOUT_ROS, layer, module_of
 
-from rosette_ros import _quoted
 from rosette_ros.core.run.scheme import plan
+from rosette_ros.invocation import _quoted
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.text_file import path_of
 from rosette_ros.simulation import Machine, MachineConfig

@@ -18,7 +18,6 @@ from typing import Any, Protocol, TypeVar
 
 import fsspec
 
-from rosette_ros import __version__
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find
 from rosette_ros.archive.run_archive import MARK, RunArchive
 from rosette_ros.archive.run_row import STATED, Row, evaluation_row, heading
@@ -26,6 +25,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError, one_line
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.uncertainty.stated_environment import Environment
+from rosette_ros.invocation import __version__
 from rosette_ros.io.bag_metadata import FILE_NAME as METADATA
 from rosette_ros.io.bag_metadata import is_hidden, is_one_log
 from rosette_ros.io.identity_file import Identity

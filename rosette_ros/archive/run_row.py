@@ -8,7 +8,6 @@ from typing import Any
 
 import pyarrow as pa
 
-from rosette_ros import __version__
 from rosette_ros.analysis import in_environment, stated_budget
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.model.least_squares import Fit
@@ -19,6 +18,7 @@ from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
 from rosette_ros.core.uncertainty.stated_environment import Environment
 from rosette_ros.core.uncertainty.uncertainty_budget import stated_lines
+from rosette_ros.invocation import __version__
 from rosette_ros.io.identity_file import Identity, format_identity
 from rosette_ros.io.reading_checks import known_temperatures
 from rosette_ros.presentation.json_output import CURVE_KEYS

@@ -24,12 +24,12 @@ from rosette_msgs.msg import ErrorMotions as ErrorMotionsMessage
 from rosette_msgs.msg import RunState
 from std_srvs.srv import Trigger
 
-from rosette_ros import command
 from rosette_ros.calibration.settings import NONE
 from rosette_ros.cell.supervisor import Cell, added_environment, check_messages
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.run.errors import CellError, plain
 from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.invocation import command
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals, make_executor

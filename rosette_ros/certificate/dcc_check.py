@@ -10,7 +10,6 @@ from typing import Any
 
 from lxml import etree
 
-from rosette_ros import __version__
 from rosette_ros.certificate.dcc import (
     CANONICAL,
     DCC,
@@ -24,6 +23,7 @@ from rosette_ros.certificate.dcc import (
 )
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.run.errors import InvalidData, RosetteError, one_line
+from rosette_ros.invocation import __version__
 from rosette_ros.io.identity_file import Identity, format_identity, parse_identity
 from rosette_ros.io.log_reader import find_files
 from rosette_ros.io.open_run import has_plate

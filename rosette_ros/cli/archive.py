@@ -13,7 +13,6 @@ import pyarrow as pa
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from rosette_ros import command
 from rosette_ros.archive import reanalysis
 from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for, environment_of_cell
 from rosette_ros.archive.reanalysis import RunChange, TrendComparison
@@ -29,6 +28,7 @@ from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.trend import Event
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
+from rosette_ros.invocation import command
 from rosette_ros.io.budget_file import environment_of, format_environment, read_stated
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.model_file import read_model

@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
-from rosette_ros import command
 from rosette_ros.calibration.settings import FIELDS, IDENTITY, LIMITS, OPTIONS, PLATE, RUN
 from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CalibrationOutcome, CellClient, HangDetector
@@ -40,6 +39,7 @@ from rosette_ros.cli.console import console, print_checks, print_json, print_par
 from rosette_ros.core.run.errors import CellError, InvalidConfig
 from rosette_ros.core.run.scheme import ORDERS
 from rosette_ros.dme.dme_settings import sequencer_parameters
+from rosette_ros.invocation import command
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress
 from rosette_ros.io.plan_file import format_plan, read_plan

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from rosette_ros import command
 from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
 from rosette_ros.cli.console import console, head, warn
+from rosette_ros.invocation import command
 from rosette_ros.io.ball_centre_table import MAX_BYTES, format_csv, read_csv, write_csv
 from rosette_ros.io.column_map import ColumnMap, format_columns
 from rosette_ros.io.csv_parser import proposal_for, read_columns

@@ -19,7 +19,6 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.calibration.settings import run_name
 from rosette_ros.cli import hidden_demo
@@ -31,6 +30,7 @@ from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.core.run.geometry import nominal_angles
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.run.scheme import order_name, plan
+from rosette_ros.invocation import command, program
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.text_file import write_text

@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 import numpy as np
 import yaml
 
-from rosette_ros import command
 from rosette_ros.cli.arguments import ENDS, UsageError, add_shared, picture_file, positive, whole
 from rosette_ros.cli.console import console, print_checks, print_json, print_parts
 from rosette_ros.core.run.errors import CellError, InvalidPlan, RosetteError
@@ -28,6 +27,7 @@ from rosette_ros.dme.dme_settings import DmeSettings, TimeoutSettings, client_se
 from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe
 from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.dme.wire import PORT, Call, call, named, shown
+from rosette_ros.invocation import command
 from rosette_ros.io.reading_checks import Check
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.formatting import duration

@@ -11,7 +11,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-from rosette_ros import command
 from rosette_ros.analysis import (
     MOST_BALLS_ADVISED,
     MOST_BALLS_JUDGED,
@@ -44,6 +43,7 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.run.number_words import micrometres
 from rosette_ros.core.sight.visibility import Visibility
 from rosette_ros.core.uncertainty.error_summary import doubt_of, fit_lines
+from rosette_ros.invocation import command
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.presentation import joint_results as results
 from rosette_ros.presentation import tables

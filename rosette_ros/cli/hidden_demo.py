@@ -18,7 +18,6 @@ import yaml
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
 from rosette_ros.api.evaluating import Diagnosed
 from rosette_ros.cli.arguments import add_shared
@@ -32,6 +31,7 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Frame
 from rosette_ros.core.run.records import Floats, Run, remove_gauge
 from rosette_ros.core.run.scheme import Scheme
+from rosette_ros.invocation import command
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import EXTENDED
 from rosette_ros.io.model_file import read_model, write_model

@@ -25,11 +25,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn, TypeAlias
 
-from rosette_ros import __version__
 from rosette_ros.cell.ending import ENDING
 from rosette_ros.cli.arguments import ENDS, UsageError, expand_home, keep_inputs, load
 from rosette_ros.core.run.errors import RosetteError, one_line, unknown_name, visible
 from rosette_ros.core.run.number_words import show_angles
+from rosette_ros.invocation import __version__
 from rosette_ros.nodes.environment import check_middleware
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',

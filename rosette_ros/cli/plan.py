@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros import command, program
 from rosette_ros.analysis import advise, advise_run, next_readings
 from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, number, positive, whole
@@ -31,6 +30,7 @@ from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, InvalidPlan
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS, order_name, places_in_use, plan
 from rosette_ros.core.run.touches import TOUCHES, Pace
+from rosette_ros.invocation import command, program
 from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate

@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros import command
 from rosette_ros.api.evaluating import Corrected, budgeted, corrected, corrected_jointly
 from rosette_ros.cli.arguments import UsageError, add_shared, number, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
@@ -21,6 +20,7 @@ from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.correction_check import backward_share, check_correction
 from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
+from rosette_ros.invocation import command
 from rosette_ros.io.controller_tables import OF_A_TURN, TNC_UNIT, Axis, linuxcnc
 from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
 from rosette_ros.io.open_run import joint_identity

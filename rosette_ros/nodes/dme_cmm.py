@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 from rosette_msgs.msg import ProbeTarget, RunState
 from std_srvs.srv import Trigger
 
-from rosette_ros import command
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.run.errors import CellError, InvalidConfig, RosetteError, one_line
 from rosette_ros.dme.ball_probing import DmeCmm, MeasuredBall
@@ -27,6 +26,7 @@ from rosette_ros.dme.dme_session import DmeSession, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
 from rosette_ros.dme.rotary_table import TableState
 from rosette_ros.dme.stop_mark import StopMark
+from rosette_ros.invocation import command
 from rosette_ros.io.log_run import SIMULATED_STATUS
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.nodes import conversions, names

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from rosette_ros import command
 from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.run.errors import counted
+from rosette_ros.invocation import command
 
 
 def no_trends(least: int) -> tuple[str]:

@@ -9,7 +9,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from rosette_ros import command
 from rosette_ros.archive.archive_questions import Question, ask, ask_for
 from rosette_ros.archive.reanalysis import (
     conclusion,
@@ -26,6 +25,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError
 from rosette_ros.core.run.geometry import nominal_angles
 from rosette_ros.core.run.records import CURVES
+from rosette_ros.invocation import command
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 BASE, CREEP = Model(), Model().with_effect('plate_creep')

@@ -11,10 +11,10 @@ import pytest
 from plain_loop import PlainLoop
 
 from benchmarks.archive_logs import make_logs
-from rosette_ros import program
 from rosette_ros.archive.run_archive import MARK, PARTS, RunArchive
 from rosette_ros.cli import archive
 from rosette_ros.core.model.model import Model
+from rosette_ros.invocation import program
 from rosette_ros.io.model_file import write_model
 
 BALLS = 5

@@ -12,10 +12,10 @@ import time
 import pytest
 from terminal import Terminal
 
-from rosette_ros import __version__
 from rosette_ros.cli import main as main_module
 from rosette_ros.cli.console import console, doing
 from rosette_ros.cli.main import GROUPS, VERBS, error_lines, main
+from rosette_ros.invocation import __version__
 
 SOURCE = 'this needs ROS 2: source the set-up file of ROS 2 and of the workspace'
 

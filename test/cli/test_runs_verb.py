@@ -15,8 +15,8 @@ from mcap.writer import Writer
 from simulated import simulated_table
 from terminal import Terminal
 
-from rosette_ros import program
 from rosette_ros.analysis import judge
+from rosette_ros.invocation import program
 from rosette_ros.io.open_run import open_run
 from rosette_ros.words.verdict_words import verdict_text
 

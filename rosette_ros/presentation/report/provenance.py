@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rosette_ros import __version__
 from rosette_ros.core.planning.advice import scheme_of
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.sphere_refit import SphereRefit
+from rosette_ros.invocation import __version__
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import LogRun
