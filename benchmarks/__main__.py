@@ -44,7 +44,7 @@ def main(chosen):
     known = benchmarks()
     for name in chosen:
         if name not in known:
-            print(f'benchmarks: wanted some of {", ".join(known)}, got {name!r}', file=sys.stderr)
+            print(f'benchmarks: expected some of {", ".join(known)}, found {name!r}', file=sys.stderr)
             return 2
     print(f'{platform.machine()}, {os.cpu_count()} cores, {platform.system()}, '
           f'Python {platform.python_version()}, load {os.getloadavg()[0]:.1f} before')

@@ -65,7 +65,7 @@ def added(archive, logs, engine):
     watch.look()
     watch.stop()
     if done.problems or done.new != len(logs):
-        raise RuntimeError(f'wanted {len(logs)} logs to be evaluated, got {done}')
+        raise RuntimeError(f'expected {len(logs)} logs to be evaluated, found {done}')
     return watch
 
 
@@ -117,7 +117,7 @@ def main():
         plain, archive = (RunArchive(root / name, make=True) for name in ('plain', 'archive'))
         one, limit, many = rates(root, logs, cores)
         print(f'  in {TURNS} turns: plain loop {one:.3f} logs/s, {cores} at once {limit:.3f} ({limit / one:.2f} times '
-              f'one: what this computer allows), {cores} workers {many:.3f} ({many / one:.2f} times one, wanted '
+              f'one: what this computer allows), {cores} workers {many:.3f} ({many / one:.2f} times one, expected '
               f'{WANTED} on 2 quiet cores; {many / limit:.2f} of what it allows)', flush=True)
         loop = added(plain, logs[:LOOP_LOGS], PlainLoop())
         print(f'  plain loop: {loop.cpu[0] / len(logs[:LOOP_LOGS]):.3f} CPU s per log', flush=True)

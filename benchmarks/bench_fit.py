@@ -66,7 +66,7 @@ def curves_of(run):
     """Return the fit of the base model after its curves and their uncertainties are calculated."""
     fitted = fit(run, Model())
     if not np.isfinite(fitted.error_motions.u).all():
-        raise ValueError('wanted finite uncertainties')
+        raise ValueError('expected finite uncertainties')
     return fitted
 
 

@@ -37,7 +37,7 @@ def main() -> None:
     print(f'verbs on a log of 12 balls, from the start of the process, least of {ROUNDS}')
     for name in commands:
         least, wanted = min(one[name] for one in times), WANTED.get(name)
-        words = '' if wanted is None else f', wanted {wanted:g} s' + (': NOT reached' if least > wanted else '')
+        words = '' if wanted is None else f', expected {wanted:g} s' + (': NOT reached' if least > wanted else '')
         print(f'  {name:26} {least:5.2f} s{words}')
 
 

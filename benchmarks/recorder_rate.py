@@ -107,7 +107,7 @@ class Recording(GraphClient):
 
     def _call(self, client, request):
         if not client.wait_for_service(PATIENCE):
-            raise RuntimeError(f'wanted the service {client.srv_name}, got none')
+            raise RuntimeError(f'expected the service {client.srv_name}, found none')
         future = client.call_async(request)
         self._executor.spin_until_future_complete(future, PATIENCE)
         response = future.result()

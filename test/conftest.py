@@ -138,7 +138,7 @@ BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stab
 FLAGS = ('--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
          '--disable-component-update', '--disable-sync',
          '--disable-features=WebUIOmniboxPopup,WebUIOmniboxAimPopup')  # pages of its own in every window: 0.4 s each
-NO_BROWSER = f'wanted one of {", ".join(BROWSERS)} on PATH (tools/browser.sh installs one), found none'
+NO_BROWSER = f'expected one of {", ".join(BROWSERS)} on PATH (tools/browser.sh installs one), found none'
 _DOMAINS = range(60, 100)
 _LOCK_PORT = 47000
 
@@ -158,7 +158,7 @@ def free_domain():
                 continue
             yield domain
         return
-    pytest.fail(f'wanted a free ROS domain in {_DOMAINS}, all are in use')
+    pytest.fail(f'expected a free ROS domain in {_DOMAINS}, all are in use')
 
 
 @pytest.fixture
@@ -214,7 +214,7 @@ def wait_until():
     def wait(condition, timeout=300.0):
         deadline = time.monotonic() + timeout
         while not condition():
-            assert time.monotonic() < deadline, f'wanted this within {timeout} s'
+            assert time.monotonic() < deadline, f'expected this within {timeout} s'
             time.sleep(0.05)
 
     return wait

@@ -37,7 +37,7 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     arguments = parser.parse_args(argv)
     part, _, parts = arguments.share.partition('/')
     if not (part.isdigit() and parts.isdigit() and 1 <= int(part) <= int(parts)):
-        parser.error(f'--share: wanted K/M with 1 ≤ K ≤ M, got {arguments.share}')
+        parser.error(f'--share: expected K/M with 1 ≤ K ≤ M, found {arguments.share}')
     arguments.part, arguments.parts = int(part), int(parts)
     return arguments
 
@@ -92,5 +92,5 @@ def write_page(page: Path, text: str) -> None:
     before, begin, rest = page.read_text().partition(BEGIN)
     _, end, after = rest.partition(END)
     if not end:
-        raise ValueError(f'{page}: wanted the lines {BEGIN} and {END}, between which the table is written')
+        raise ValueError(f'{page}: expected the lines {BEGIN} and {END}, between which the table is written')
     page.write_text(f'{before}{begin}\n{text}\n{end}{after}')

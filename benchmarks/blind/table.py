@@ -82,7 +82,7 @@ def _results(new: Records, old: Records) -> str:
             for strength in OPEN_STRENGTHS:
                 row(f'{where}, {strength:g} σ: {what}', '', classes, name, strength)
             row(f'{where}, all: {what}', wanted, classes, name)
-    return _markdown(['runs', 'wanted', *_versions(old, 'new', '95 %')], rows)
+    return _markdown(['runs', 'expected', *_versions(old, 'new', '95 %')], rows)
 
 
 def _levels(new: Records, old: Records) -> str:

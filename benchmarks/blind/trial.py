@@ -48,7 +48,7 @@ def causes_of(file: str) -> dict[str, type[Cause]]:
     """Return the causes of a file, by name."""
     spec = importlib.util.spec_from_file_location(Path(file).stem, file)
     if spec is None or spec.loader is None:
-        raise FileNotFoundError(f'causes: wanted a Python file with a dictionary CAUSES, got {file}')
+        raise FileNotFoundError(f'causes: expected a Python file with a dictionary CAUSES, found {file}')
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     causes: dict[str, type[Cause]] = module.CAUSES
@@ -96,7 +96,7 @@ class Trial:
                 break
             shares.append(truth.share)
         else:
-            raise NotShown(f'{self.name}: wanted an order that shows it, got visible shares {shares}')
+            raise NotShown(f'{self.name}: expected an order that shows it, found visible shares {shares}')
         shift = sum(shifts, np.zeros((clean.size, 3)))
         hit = tuple(int(np.argmax(np.linalg.norm(one, axis=1))) + 1
                     for kind, one in zip(self.kinds, shifts) if kind == 'outlier')
@@ -222,6 +222,6 @@ def trials(sets: Sequence[str] = tuple(SETS), seeds: int | None = None, first_se
     Raises ValueError for a set that there is not.
     """
     if unknown := [name for name in sets if name not in SETS]:
-        raise ValueError(f'sets: wanted some of {", ".join(SETS)}, got {", ".join(unknown)}')
+        raise ValueError(f'sets: expected some of {", ".join(SETS)}, found {", ".join(unknown)}')
     return [replace(one, n=n) for name in sets for count, make in [SETS[name]]
             for one in make(range(first_seed, first_seed + (seeds or count)), causes)]

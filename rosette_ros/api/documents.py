@@ -49,7 +49,7 @@ def certify(runs: Any, path: str | Path, model: ModelLike = None, *, identity: s
     every = several(runs)
     for one in every:
         if not one.path:
-            raise InvalidData(f'{one.name}: wanted a run of a file, whose hash a certificate states; write it first '
+            raise InvalidData(f'{one.name}: expected a run of a file, whose hash a certificate states; write it first '
                               '(run.write) and read it')
     for target in (path, *([pdf] if pdf else [])):
         refuse_output(target, force)

@@ -202,7 +202,7 @@ def evaluate(runs: Runs, model: ModelLike = None, *, inputs: Stated = None, envi
     where = [1e-3 * one for one in test_spheres]
     if len(every) > 1 or every[0].has_plate or share:
         if model is not None or refit_spheres:
-            raise InvalidData('evaluate: wanted no model and no refit_spheres with several runs as one')
+            raise InvalidData('evaluate: expected no model and no refit_spheres with several runs as one')
         return evaluated_jointly(every, inputs, environment, share, identity, where)
     return evaluated(JudgedRun(every[0], model, inputs, environment), refit_spheres, where)
 
@@ -420,7 +420,7 @@ def correct(runs: Runs, model: ModelLike = None, curves: Sequence[str] = CURVES,
             environment: str | None = None, share: str | Path | None = None) -> Corrected:
     """Return a correction of the table from a run, or from several as one; curves: which errors are taken off."""
     if wrong := [one for one in curves if one not in CURVES]:
-        raise InvalidData(f'curves: wanted some of {", ".join(CURVES)}, got {wrong[0]!r}')
+        raise InvalidData(f'curves: expected some of {", ".join(CURVES)}, found {wrong[0]!r}')
     every = several(runs)
     if len(every) > 1 or every[0].has_plate:
         paths = [one.path for one in every if one.path]
@@ -433,7 +433,7 @@ def corrected(judged: JudgedRun, curves: tuple[str, ...]) -> Corrected:
     """Return the correction of one run; raises InvalidData where its table position 1 is not at angle 0."""
     run = judged.run
     if run.table_offset:
-        raise InvalidData(f'{judged.path or run.source}: wanted a run whose table position 1 is at angle 0, got '
+        raise InvalidData(f'{judged.path or run.source}: expected a run whose table position 1 is at angle 0, found '
                           f'{np.rad2deg(run.table_offset):.6g} deg; with --joint its curves are in the axes of angle 0')
     return Corrected(Correction(judged.motions, judged.motions, curves, run.run_id, run.simulated),
                      judged.identity['table.serial'], judged.verdict, [])
@@ -445,7 +445,7 @@ def corrected_jointly(result: JointResult, serial: str, curves: tuple[str, ...])
     by_sense = {table.sense: motions for table, motions in result.curves if table.name == first}
     known = [one for sense in (1, -1) if (one := by_sense.get(sense, by_sense.get(0))) is not None]
     if not known:
-        raise RosetteError('correct: wanted curves of a table, got none')
+        raise RosetteError('correct: expected curves of a table, found none')
     unknown = [curve for curve, *are_known in zip(CURVES, *[one.is_known for one in result.reversals
                                                             if one.table == first])
                if curve in curves and not all(are_known)]

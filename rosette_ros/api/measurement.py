@@ -218,7 +218,7 @@ def read(source: Any, columns: 'Columns | str | None' = None, run_id: str | None
         return Measurement(source)
     if not isinstance(source, str | Path):
         if isinstance(columns, str):
-            raise InvalidData(f'columns: wanted a mapping beside a DataFrame, got {columns!r:.80}')
+            raise InvalidData(f'columns: expected a mapping beside a DataFrame, found {columns!r:.80}')
         row = archive_row(source)
         return read(row, columns, run_id, identity) if row else Measurement(run_of_table(source, columns))
     given = columns if isinstance(columns, str) or columns is None else {
@@ -242,5 +242,5 @@ def several(runs: Any) -> list[Measurement]:
     """Return the runs that are given: one or a list of them, each as `read` takes it; raises RosetteError for none."""
     made = [read(one) for one in runs] if isinstance(runs, list | tuple) else [read(runs)]
     if not made:
-        raise RosetteError('runs: wanted at least one, got none')
+        raise RosetteError('runs: expected at least one, found none')
     return made

@@ -95,7 +95,7 @@ def plan(*orders: str | Path, balls: int | None = None, radius_mm: float = USUAL
     orders: such as 'row' or 'there_and_back:8' (at 8 CMM positions); balls: on the plate = table positions; sigma_um:
     standard deviation of a coordinate; environment: as of `evaluate`: U contains what the order hides."""
     if not orders:
-        raise InvalidPlan('plan: wanted an order or a plan file, got none')
+        raise InvalidPlan('plan: expected an order or a plan file, found none')
     stated = stated_inputs(inputs, environment)
     made = [_plan(order, balls, radius_mm, turning, seed, sigma_um, stated.environment if stated else None)
             for order in orders]
@@ -109,7 +109,7 @@ def _plan(order: str | Path, balls: int | None, radius_mm: float, turning: str, 
         return Plan(Path(order).name, read_one.scheme, read_one.radius, 1e-6 * sigma_um, environment)
     name, _, places = str(order).partition(':')
     if balls is None:
-        raise InvalidPlan('plan: wanted balls with an order, or a plan file')
+        raise InvalidPlan('plan: expected balls with an order, or a plan file')
     scheme = scheme_of(balls, order_name(name), seed, turning, places_in_use(places, balls, 'CMM positions'))
     return Plan(':'.join([order_name(name), *([places] if places else [])]), scheme, 1e-3 * radius_mm, 1e-6 * sigma_um,
                 environment)
@@ -144,7 +144,7 @@ def advise(run: Any = None, *, balls: int | None = None, order: str | None = Non
         measured = read(run).run
         return Advised(advise_run(measured, wanted, seed, within), measured.n, measured.radius, measured.run_id)
     if balls is None or order is None:
-        raise InvalidPlan('advise: wanted either a run or both balls and order')
+        raise InvalidPlan('advise: expected either a run or both balls and order')
     radius = 1e-3 * radius_mm
     return Advised(advise_order(balls, order, radius, wanted=wanted, turning=turning, seed=seed, environment=within),
                    balls, radius)

@@ -31,7 +31,7 @@ def loaded(module: str, what: str, install: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        raise PackageMissing(f'{what}: wanted the Python package {error.name}, got none; {install}') from error
+        raise PackageMissing(f'{what}: expected the Python package {error.name}, found none; {install}') from error
 
 
 def plots(name: str) -> ModuleType:
@@ -91,7 +91,7 @@ class Result:
         """Return its chief table, or that of a name, as a DataFrame (pandas); units and title are in its attrs."""
         every = {one.name: one for one in self.tables()}
         if name and name not in every:
-            raise RosetteError(f'to_frame: wanted one of {", ".join(every)}, got {name!r}')
+            raise RosetteError(f'to_frame: expected one of {", ".join(every)}, found {name!r}')
         return frame_of(every[name] if name else next(iter(every.values())))
 
     def __str__(self) -> str:

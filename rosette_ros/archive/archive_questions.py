@@ -96,7 +96,7 @@ def _time(text: str) -> datetime.datetime:
     try:
         found = datetime.datetime.fromisoformat(text)
     except ValueError as error:
-        raise InvalidData(f'wanted a day or a time such as 2026-04-12, got {text!r:.40}') from error
+        raise InvalidData(f'expected a day or a time such as 2026-04-12, found {text!r:.40}') from error
     return found if found.tzinfo else found.replace(tzinfo=datetime.UTC)
 
 
@@ -156,7 +156,8 @@ def environment_of_cell(archive: RunArchive, serial: str, otherwise: Environment
             continue  # a log that was moved shows nothing any more
         every.append(shown_by(run, row['effects']))
     if not every:
-        raise InvalidData(f'{archive.folder}: wanted diagnosed runs of table {serial} whose logs are still there, got '
+        raise InvalidData(f'{archive.folder}: expected diagnosed runs of table {serial} whose logs are still there, '
+                          f'found '
                           f'none of {counted(len(rows), "run")}')
     left, lever = at_ball(otherwise, run), run.radius
     effects, kinds = dict[str, Size](), {kind: [0.0, 0] for kind in KINDS}

@@ -44,8 +44,8 @@ class DaskEngine(AbstractContextManager['DaskEngine']):
 
     def __init__(self, scheduler: str = '', workers: int = 0) -> None:
         if scheduler and not ADDRESS.fullmatch(scheduler):
-            raise InvalidConfig(f'--scheduler {scheduler}: wanted the address of a Dask scheduler such as '
-                                'tcp://host:8786, got one without a port')
+            raise InvalidConfig(f'--scheduler {scheduler}: expected the address of a Dask scheduler such as '
+                                'tcp://host:8786, found one without a port')
         self._scheduler, self._workers = scheduler, workers or CPU_COUNT
         self._cluster: LocalCluster | None = None
         self._client: Client | None = None
@@ -70,14 +70,14 @@ class DaskEngine(AbstractContextManager['DaskEngine']):
                         silence_logs=logging.CRITICAL, preload=[__name__])
                 except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
                     raise InvalidConfig(
-                        'Dask: wanted workers on this computer, got none: '
+                        'Dask: expected workers on this computer, found none: '
                         f'{" ".join(str(error).split()):.200}; correct the settings of Dask (DASK_... in the '
                         'environment, ~/.config/dask)') from error
             try:
                 self._client = Client(self._cluster or self._scheduler, timeout=PATIENCE, set_as_default=False)
             except (OSError, ValueError) as error:
-                raise InvalidConfig(f'--scheduler {self._scheduler}: wanted a Dask scheduler such as '
-                                    f'tcp://host:8786, got: {" ".join(str(error).split()):.200}') from error
+                raise InvalidConfig(f'--scheduler {self._scheduler}: expected a Dask scheduler such as '
+                                    f'tcp://host:8786, found: {" ".join(str(error).split()):.200}') from error
         return self._client
 
     def _window(self) -> int:

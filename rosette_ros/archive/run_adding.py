@@ -173,7 +173,7 @@ def digests(logs: Iterable[FoundLog]) -> list[Digest]:
         try:
             found.append((log, log.digest(), ''))
         except OSError as error:
-            found.append((log, '', f'wanted a log that can be read, got: {error.strerror or error}; logs have to '
+            found.append((log, '', f'expected a log that can be read, found: {error.strerror or error}; logs have to '
                                    'be where the workers find them by the same path'))
     return found
 
@@ -246,18 +246,18 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
                 raise FileNotFoundError(2, 'no such file or folder')
         except (OSError, ValueError, ImportError) as error:
             words = (isinstance(error, OSError) and error.strerror) or ' '.join(str(error).split())
-            raise InvalidData(f'{place}: wanted a folder of logs, or a log, got: {words}') from error
+            raise InvalidData(f'{place}: expected a folder of logs, or a log, found: {words}') from error
         if f'{root}/{MARK}' in files:
-            raise InvalidData(f'{place}: wanted a folder of logs, or a log, got an archive')
+            raise InvalidData(f'{place}: expected a folder of logs, or a log, found an archive')
         is_local = 'file' in ((system.protocol,) if isinstance(system.protocol, str) else system.protocol)
         kept = [path for path, facts in files.items()
                 if not any(map(is_hidden, path.removeprefix(root).split('/')))
                 and (facts['type'] == 'file' or (is_local and is_regular(Path(path))))]
         if root in files and not kept:
-            raise InvalidData(f'{place}: wanted a folder of logs, or a log, got a device, a pipe or a hidden file')
+            raise InvalidData(f'{place}: expected a folder of logs, or a log, found a device, a pipe or a hidden file')
         for path, inside in _grouped(root, kept, is_local):
             if any('\ud800' <= sign <= '\udfff' for sign in path):
-                raise InvalidData(f'{path}: wanted a name in UTF-8, got another one; rename it')
+                raise InvalidData(f'{path}: expected a name in UTF-8, found another one; rename it')
             names = [file if is_local else system.unstrip_protocol(file) for file in (path, *inside)]
             stamp = ' '.join(f'{files[file][key]}' for file in inside for key in _STAMPED if key in files[file])
             found.setdefault(names[0], FoundLog(names[0], tuple(names[1:]), stamp))

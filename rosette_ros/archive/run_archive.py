@@ -52,7 +52,8 @@ def local_folder(name: str | Path) -> Path:
     text = path_of(str(name))
     head = text.partition('/')[0]
     if '://' in text or (':' in head and not Path(head).exists()):
-        raise InvalidData(f'{name}: wanted a folder of this computer as archive, got a place elsewhere; mount it and '
+        raise InvalidData(f'{name}: expected a folder of this computer as archive, found a place elsewhere; mount it '
+                          f'and '
                           'name where it is mounted' + f', or write ./{text} for a folder of that name' * (
                               '://' not in text))
     return Path(text).absolute()
@@ -91,21 +92,24 @@ class RunArchive:
         if make and not mark.exists():
             self._make(mark)
         if not mark.exists():
-            raise InvalidData(f'{folder}: wanted an archive, got {"a folder" if self.folder.is_dir() else "nothing"} '
+            raise InvalidData(f'{folder}: expected an archive, found '
+                              f'{"a folder" if self.folder.is_dir() else "nothing"} '
                               f'without {MARK}; rosette archive add FOLDER --into {folder} makes one')
         try:
             stated = json.loads(read_limited(mark, 'an archive', 65536)).get('schema')
         except (ValueError, AttributeError) as error:
-            raise InvalidData(f'{mark}: wanted JSON with "schema": "{FORMAT}", got something else') from error
+            raise InvalidData(f'{mark}: expected JSON with "schema": "{FORMAT}", found something else') from error
         if stated != FORMAT:
-            raise InvalidData(f'{folder}: wanted an archive of {FORMAT}, got {stated!r:.60}; use a version of rosette '
+            raise InvalidData(f'{folder}: expected an archive of {FORMAT}, found {stated!r:.60}; use a version of '
+                              f'rosette '
                               'that knows it')
 
     def _make(self, mark: Path) -> None:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             if any(path.name not in (MARK, PARTS) and path.suffix != '.part' for path in self.folder.iterdir()):
-                raise InvalidData(f'{self.folder}: wanted an archive or an empty folder, got a folder of other files; '
+                raise InvalidData(f'{self.folder}: expected an archive or an empty folder, found a folder of other '
+                                  f'files; '
                                   'choose another name')
             (self.folder / PARTS).mkdir(exist_ok=True)
         except OSError as error:
@@ -127,7 +131,8 @@ class RunArchive:
             os.close(os.open(trial, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
             trial.unlink()
         except OSError as error:
-            raise InvalidData(f'{self.folder}: wanted an archive that can be written, got: {error.strerror}') from error
+            raise InvalidData(f'{self.folder}: expected an archive that can be written, found: '
+                              f'{error.strerror}') from error
 
     def add(self, rows: Sequence[Mapping[str, Any]]) -> Path:
         """Bring rows (see run_row.COLUMNS) to the disk as one more file, and return it; raises InvalidData."""
@@ -187,7 +192,7 @@ class RunArchive:
             kinds = {one.type for one in base.extract_statements(sql)}
             answer = base.sql(sql, params=list(values)) if kinds <= {duckdb.StatementType.SELECT} else None
             if answer is None:
-                raise InvalidData(f'{self.folder}: wanted a question (SELECT ...), got {sql!r:.80}')
+                raise InvalidData(f'{self.folder}: expected a question (SELECT ...), found {sql!r:.80}')
             return answer.to_arrow_table()
 
     def read_rows(self, columns: Sequence[str] = (), where: str = '', values: Sequence[Any] = ()) -> pa.Table:

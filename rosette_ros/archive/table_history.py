@@ -136,14 +136,14 @@ def _why_none(archive: RunArchive, table: str, model: str) -> str:
     own = [row for row in every if row['table_serial'] == table]
     tables = ', '.join(repr(one) for one in sorted({row['table_serial'] for row in every} - {''})) or 'none'
     if not own and not table:
-        return f'wanted --table, as every run states one, got none; it has tables {tables}'
+        return f'expected --table, as every run states one, found none; it has tables {tables}'
     if not own:
-        return f'wanted dated runs of table {table!r}, got none; it has tables {tables}'
+        return f'expected dated runs of table {table!r}, found none; it has tables {tables}'
     under = [row for row in own if row['model_hash'].startswith(model)]
     if not under:
         hashes = ', '.join(sorted({row['model_hash'][:12] for row in own}))
-        return f'wanted runs of table {table!r} under a model {model!r}, got none; it has models {hashes}'
-    return (f'wanted dated runs of table {table!r}, got {counted(len(under), "run")} without a date; state '
+        return f'expected runs of table {table!r} under a model {model!r}, found none; it has models {hashes}'
+    return (f'expected dated runs of table {table!r}, found {counted(len(under), "run")} without a date; state '
             'measured.begin in the identity (rosette archive add --identity FILE --force)')
 
 
@@ -157,7 +157,7 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
     if len(rows) < LEAST_RUNS:
         besides = f', and {counted(len(left_out), "run")} between the steps of the table' if left_out else ''
         whose = f'table {serial!r}' if serial else 'runs that state no table'
-        raise InvalidData(f'trend of {whose}: wanted at least {LEAST_RUNS} dated runs, got {len(rows)}{besides}')
+        raise InvalidData(f'trend of {whose}: expected at least {LEAST_RUNS} dated runs, found {len(rows)}{besides}')
     dates = tuple(row['measured_at'] for row in rows)
     days = np.array([(date - dates[0]).total_seconds() / DAY for date in dates])
     n = rows[-1]['n']

@@ -47,7 +47,7 @@ class Request:
         """Return the names of the runs that are evaluated as one with this one; raises InvalidConfig."""
         run_ids = [plain(name) for name in self.goal.get('joint_with', ())]
         if '' in run_ids or len({*run_ids}) < len(run_ids):
-            raise InvalidConfig(f'goal: joint_with: wanted names of finished runs, each once, got {run_ids!r:.200}')
+            raise InvalidConfig(f'goal: joint_with: expected names of finished runs, each once, found {run_ids!r:.200}')
         return run_ids
 
     @property
@@ -157,7 +157,8 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
     run_id = settings.run_name(datetime.now(UTC), plan.scheme.order, taken)
     until = settings.until_of(values)
     if until is None and 'most_readings' in request.goal:
-        raise InvalidConfig('goal: most_readings: wanted until_probability or until_uncertainty beside it, got neither')
+        raise InvalidConfig('goal: most_readings: expected until_probability or until_uncertainty beside it, found '
+                            'neither')
     if until:
         refuse_more(plan.scheme.n, 'until')
     return Job(Sequence(run_id, plan, settings.limits_of(values), until=until), request, plan.scheme.order,
@@ -213,7 +214,7 @@ def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value]
         if name in changes and changes[name] != planned[name]:
             was, got = ('the one', 'another') if name in ('plan', 'plate.file') else (
                 repr(planned[name]), repr(changes[name]))
-            raise CellError(f'resume: run {run_id}: {name}: wanted {was} as the run began, got {got}; leave it out')
+            raise CellError(f'resume: run {run_id}: {name}: expected {was} as the run began, found {got}; leave it out')
 
 
 def earlier_answers(recalled: Any, plan: CalibrationPlan) -> RunAnswers:
@@ -225,7 +226,7 @@ def earlier_answers(recalled: Any, plan: CalibrationPlan) -> RunAnswers:
             same = ('balls', 'radius', 'phase', 'table_position', 'ball')
             if planned is None or any(getattr(target, name) != getattr(planned, name) for name in same):
                 raise CellError(
-                    f'resume: run {earlier.run_id}: target {target.seq}: wanted '
+                    f'resume: run {earlier.run_id}: target {target.seq}: expected '
                     f'{planned or f"one of {plan.total} targets"} as planned, the log has table position '
                     f'{target.table_position}, ball {target.ball} of {target.balls}, phase {target.phase}; the run was '
                     'planned with other settings')

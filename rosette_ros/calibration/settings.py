@@ -57,7 +57,7 @@ class Wanted:
                 return tuple(map(float, value))
         elif self._fits(value, type(self.default)):
             return type(self.default)(value)
-        raise InvalidConfig(f'{where}: {self.name}: wanted {self.wanted()} ({self.text}), got {value!r:.80}')
+        raise InvalidConfig(f'{where}: {self.name}: expected {self.wanted()} ({self.text}), found {value!r:.80}')
 
     def wanted(self) -> str:
         """Return in words what is allowed."""
@@ -161,11 +161,12 @@ def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
     options = parse_options(goal.get('options', ''))
     for name in options:
         if name in changes:
-            raise InvalidConfig(f'options: {name}: wanted it once, got it in the fields of the goal too; leave it out')
+            raise InvalidConfig(f'options: {name}: expected it once, found it in the fields of the goal too; leave it '
+                                f'out')
     changes |= options
     for name in ('plan', 'plate.file'):
         if changes.get(name) and '\n' not in str(changes[name]):
-            raise InvalidConfig(f'goal: {name}: wanted the lines of a file, got {changes[name]!r:.60}; only the '
+            raise InvalidConfig(f'goal: {name}: expected the lines of a file, found {changes[name]!r:.60}; only the '
                                 f'parameter {name} of the sequencer may be a path')
     decided = [name for name in BY_PLAN if name in changes]
     if decided and changes.get('plan'):
@@ -212,7 +213,7 @@ def _on_places(values: Mapping[str, Value], plate: Plate) -> dict[str, Value]:
     places = ', '.join(map(str, sorted(plate.places(int(str(values['plate.balls']))))))
     for name in PLACES:
         if values[name] not in ('', places):
-            raise InvalidConfig(f'{name}: wanted none beside a plate file, whose balls are all in use, got '
+            raise InvalidConfig(f'{name}: expected none beside a plate file, whose balls are all in use, found '
                                 f'{values[name]!r:.80}; leave out one')
     return {'plate.file': format_plate(plate), 'plate.radius_m': plate.circle, 'balls_in_use': places}
 
@@ -261,14 +262,14 @@ def _parse_added(text: str, scheme: Scheme) -> Scheme:
         return block_of(scheme.n, {name: list(map(kind, column))
                                    for name, kind, column in zip(BLOCK, kinds, columns, strict=True)})
     except (InvalidPlan, ValueError, OverflowError) as error:
-        raise InvalidConfig(f'{ADDED.name}: wanted {ADDED.text}, got {text!r:.80}') from error
+        raise InvalidConfig(f'{ADDED.name}: expected {ADDED.text}, found {text!r:.80}') from error
 
 
 def until_of(values: Mapping[str, Any]) -> Until | None:
     """Return until when readings are added, None where none are; values: name to value, all of UNTIL."""
     probability, uncertainty, most = (values[one.name] for one in UNTIL)
     if probability and not 0.5 < probability < 1:
-        raise InvalidConfig(f'{UNTIL[0].name}: wanted a number above 0.5 and below 1, or 0 for none, got '
+        raise InvalidConfig(f'{UNTIL[0].name}: expected a number above 0.5 and below 1, or 0 for none, found '
                             f'{probability:g}')
     return Until(probability, uncertainty, most) if probability or uncertainty else None
 

@@ -236,8 +236,9 @@ class Sequence:
         stamps, most = [one.stamp_ns for one in self.answers.answers], max(self._left_to_add, 1)
         longest = LONGEST_SHARE * 1e-9 * (max(stamps, default=0) - min(stamps, default=0))
         if block.ball.size > most or block.wait.sum() > longest:
-            raise InvalidPlan(f'readings that are added: wanted at most {most}, with waits of at most {longest:.0f} s, '
-                              f'{LONGEST_SHARE} times as long as the run has taken, got {block.ball.size} with waits '
+            raise InvalidPlan(f'readings that are added: expected at most {most}, with waits of at most {longest:.0f} '
+                              f's, '
+                              f'{LONGEST_SHARE} times as long as the run has taken, found {block.ball.size} with waits '
                               f'of {block.wait.sum():.0f} s')
 
     def decided(self, block: Scheme | None, text: str, now: float, is_settled: bool = False) -> Commands:
@@ -303,7 +304,7 @@ class Sequence:
                      f'for {limit}; end one of them and resume the run')
             return self._finish(Phase.FAILED, f'{self._held} {words}')
         if self.phase is Phase.EVALUATION:
-            words = f'wanted error motions from the evaluator within {self.limits.evaluation_timeout:g} s, got none'
+            words = f'expected error motions from the evaluator within {self.limits.evaluation_timeout:g} s, found none'
             if self._kept and self._kept.readings_hash == self.answers.readings_hash:  # it was to evaluate them again
                 self._results = self._kept
                 return self.not_answered(words) if self.is_settling else self._check(self._kept)
@@ -436,7 +437,7 @@ class Sequence:
         self._alignment[:n] = sorted(self._alignment[:n], key=lambda answer: answer.table_position)
         known = [self.answers.answer_to(seq) for seq in self._taken]
         if None in known or {one.frame for one in self._alignment} != {*self.answers.in_frames}:
-            words = f'alignment: wanted all centres in {self.answers.in_frames[0]!r} as most, got others before'
+            words = f'alignment: expected all centres in {self.answers.in_frames[0]!r} as most, found others before'
             if self._is_aligned_again:
                 return self._finish(Phase.FAILED, words)
             self._alignment, self._taken, self._next_index, self._is_aligned_again = [], set(), 0, True

@@ -143,7 +143,7 @@ class CellClient(GraphClient):
         """Wait for a sequencer; raises CellError where none answers in time."""
         if not self._spin_until(lambda: self._action.server_is_ready() and self._has_state, timeout):
             others = ', '.join(self.running(FOUND))
-            raise CellError(f'cell {self._where}: wanted a sequencer within {timeout:g} s, got ' + (
+            raise CellError(f'cell {self._where}: expected a sequencer within {timeout:g} s, found ' + (
                 f'only {others}: the sequencer is not started, has ended or hangs; {RESTART}' if others else
                 'none; start the cell, check namespace and ROS_DOMAIN_ID'))
 
@@ -157,11 +157,13 @@ class CellClient(GraphClient):
         """Tell a CMM that a person has looked, and return its answer; raises CellError where it is not ready."""
         service = self._node.create_client(Trigger, names.RECOVER)
         if not self._spin_until(service.service_is_ready, SEARCH):
-            raise CellError(f'cell {self._where}: wanted a CMM with the service {names.RECOVER}, got none; only one '
+            raise CellError(f'cell {self._where}: expected a CMM with the service {names.RECOVER}, found none; only '
+                            f'one '
                             'through I++ DME has it')
         answer = service.call_async(Trigger.Request())
         if not self._spin_until(answer.done, RECOVERY):
-            raise CellError(f'cell {self._where}: wanted an answer of the CMM within {RECOVERY:g} s, got none; see its '
+            raise CellError(f'cell {self._where}: expected an answer of the CMM within {RECOVERY:g} s, found none; '
+                            f'see its '
                             'output and /diagnostics')
         if not answer.result().success:
             raise CellError(f'cell {self._where}: {plain(answer.result().message)}')

@@ -142,8 +142,8 @@ class CmmClient(CellClient):
     def _await_cmm(self) -> None:
         self._spin_until(self._is_there, SEARCH)
         if not self._is_there():
-            raise CellError(f'cell {self._where}: no CMM: wanted one that subscribes to {names.PROBE_TARGET} and '
-                            f'publishes {names.BALL_CENTRE}, got none within {SEARCH:g} s; start it, check namespace '
+            raise CellError(f'cell {self._where}: no CMM: expected one that subscribes to {names.PROBE_TARGET} and '
+                            f'publishes {names.BALL_CENTRE}, found none within {SEARCH:g} s; start it, check namespace '
                             'and ROS_DOMAIN_ID')
         self._spin_until(lambda: False, SETTLING)
 
@@ -159,14 +159,14 @@ class CmmClient(CellClient):
         """Return what the graph alone shows: types, quality of service, how many there are."""
         topic, listeners = self._node.resolve_topic_name(names.BALL_CENTRE), target_subscriptions(self._node)
         answers = self._node.get_publishers_info_by_topic(topic)
-        wrong = [f'{info.topic_type} on {name}, wanted {wanted}' for name, wanted, infos in (
+        wrong = [f'{info.topic_type} on {name}, expected {wanted}' for name, wanted, infos in (
             (names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre', answers),
             (names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', listeners)) for info in infos
             if info.topic_type != wanted]
         held = [] if all(info.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL for info in listeners) else [
-            f'{names.PROBE_TARGET} is subscribed to transient local: the machine would move to an old target; wanted '
+            f'{names.PROBE_TARGET} is subscribed to transient local: the machine would move to an old target; expected '
             'volatile']
-        held += [f'{names.BALL_CENTRE} is published best effort; wanted reliable' for info in answers
+        held += [f'{names.BALL_CENTRE} is published best effort; expected reliable' for info in answers
                  if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT]
         beats = NodeMonitor(self._node, names.CMM).publishers()
         return (Check('types', not wrong, '; '.join(wrong) or 'ProbeTarget and BallCentre'),
@@ -235,7 +235,7 @@ class CmmClient(CellClient):
         words = (f'{" or ".join(map(str, each))} a ball, spheres of radius {min(radius):.4f} to {max(radius):.4f} mm, '
                  f'centres {micrometres(off, 2)} from the answers')
         return Check(name, off <= SAME_CENTRE, words if off <= SAME_CENTRE else
-                     f'{words}; wanted at most {1e6 * SAME_CENTRE:g} µm: are they of the same ball, in metres?')
+                     f'{words}; expected at most {1e6 * SAME_CENTRE:g} µm: are they of the same ball, in metres?')
 
     def _clock_gap(self, target: Target, answer: Answer) -> float:
         """Return how long a stamp lies before its target or after the receipt of the answer, s, 0 between."""

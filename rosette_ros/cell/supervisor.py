@@ -125,7 +125,7 @@ class Cell:
                  dme: str | Path | None = None) -> None:
         """Prepare; nothing is started before `start`."""
         if unknown := set(nodes) - {*MODULES}:
-            raise InvalidConfig(f'cell: nodes: wanted some of {", ".join(MODULES)}, got {min(unknown)!r}')
+            raise InvalidConfig(f'cell: nodes: expected some of {", ".join(MODULES)}, found {min(unknown)!r}')
         self.domain_id, self.namespace = domain_id, namespace.strip('/')
         self._remappings = names.remappings(namespace) if remappings is None else remappings
         self.log_dir = Path(log_dir).absolute()
@@ -261,7 +261,8 @@ class Cell:
 
         if not _wait(lambda: not missing(), START_TIMEOUT):
             name = missing()[0]
-            raise CellError(f'cell: wanted "{wanted[name].strip()}" from node {name} within {START_TIMEOUT:g} s, got: '
+            raise CellError(f'cell: expected "{wanted[name].strip()}" from node {name} within {START_TIMEOUT:g} s, '
+                            f'found: '
                             f'{self.processes[name].text()[-500:]}')
 
 
@@ -307,6 +308,6 @@ def check_messages(definitions: Path = DEFINITIONS, environ: Mapping[str, str] =
     for path in sorted(definitions.glob('*/*.*')):
         copy = built / path.relative_to(definitions)
         if not copy.exists() or copy.read_bytes() != path.read_bytes():
-            raise CellError(f'messages: wanted rosette_msgs as {definitions} defines it, got a build in {built} in '
+            raise CellError(f'messages: expected rosette_msgs as {definitions} defines it, found a build in {built} in '
                             f'which {path.name} {"differs" if copy.exists() else "is missing"}: run make setup (in a '
                             'workspace: colcon build)')

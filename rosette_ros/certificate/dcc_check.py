@@ -86,7 +86,7 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
         found.append('it cannot be made again from what it states of its inputs')
     if found:
         more = f'; and {len(found) - MOST_TOLD} more' if len(found) > MOST_TOLD else ''
-        raise InvalidData(f'{source}: wanted the certificate of {", ".join(map(str, paths))}, got another one: '
+        raise InvalidData(f'{source}: expected the certificate of {", ".join(map(str, paths))}, found another one: '
                           f'{"; ".join(found[:MOST_TOLD])}{more}')
     return Verified(largest, bool(signatures), '' if is_same else ', '.join(map(' '.join, inputs.programs[:1])),
                     is_earlier)
@@ -95,18 +95,18 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
 def parsed(data: bytes, source: str) -> Element:
     """Return the root of a DCC without reaching for anything else; raises InvalidData where it is none."""
     if len(data) > MOST_BYTES:
-        raise InvalidData(f'{source}: wanted a DCC of at most {MOST_BYTES} bytes, got more')
+        raise InvalidData(f'{source}: expected a DCC of at most {MOST_BYTES} bytes, found more')
     parser = etree.XMLParser(no_network=True, resolve_entities=False, load_dtd=False, huge_tree=False)
     try:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError, LookupError) as error:
         got = ('a PDF; take the XML that is attached to it' if data.startswith(b'%PDF') else
                f'what is no XML: {" ".join(str(getattr(error, "msg", error)).split())}; {USE}')
-        raise InvalidData(f'{source}: wanted a DCC, got {got}') from None
+        raise InvalidData(f'{source}: expected a DCC, found {got}') from None
     if root.getroottree().docinfo.internalDTD is not None or next(root.iter(etree.Entity), None) is not None:
-        raise InvalidData(f'{source}: wanted a DCC, got one with a document type or entities of its own')
+        raise InvalidData(f'{source}: expected a DCC, found one with a document type or entities of its own')
     if root.tag != f'{{{DCC}}}digitalCalibrationCertificate':
-        raise InvalidData(f'{source}: wanted a DCC, got the element {root.tag!r:.80}; {USE}')
+        raise InvalidData(f'{source}: expected a DCC, found the element {root.tag!r:.80}; {USE}')
     etree.strip_tags(root, etree.Comment, etree.PI)
     for name in HINTS:
         root.attrib.pop(name, None)
@@ -141,7 +141,7 @@ def _files(root: Element) -> dict[str, str]:
 
 def _texts(values: Any) -> dict[str, str]:
     if not all(isinstance(one, str) for one in (*values.keys(), *values.values())):
-        raise TypeError('wanted texts')
+        raise TypeError('expected texts')
     return dict(values)
 
 

@@ -247,7 +247,7 @@ def _known(words: str) -> str:
                or unicodedata.category(one) in ('Mn', 'Mc', 'Me')]
     if lacking:
         kinds = dict.fromkeys(unicodedata.name(one, f'U+{ord(one):04X}').split()[0].lower() for one in lacking)
-        raise InvalidData(f'--pdf: wanted letters that its font can set, got {words!r:.80} with letters named '
+        raise InvalidData(f'--pdf: expected letters that its font can set, found {words!r:.80} with letters named '
                           f'{", ".join(kinds)}; state it in Latin, Greek or Cyrillic letters, or leave --pdf out: the '
                           'certificate (XML) takes every script')
     return text

@@ -215,7 +215,7 @@ def _complete(identity: Identity, runs: Sequence[Measured], ask: Ask, issued: st
     others = tuple(words_of_entry(entry) for entry in identity.missing if entry not in lacking)
     if lacking or days is None:
         also = f'; ISO/IEC 17025, 7.8.2 asks for these, too: {", ".join(others)}' if others else ''
-        raise InvalidData(f'certificate: wanted {", ".join(map(words_of_entry, lacking))}, got none; state '
+        raise InvalidData(f'certificate: expected {", ".join(map(words_of_entry, lacking))}, found none; state '
                           f'{", ".join(lacking)} in the identity file (--identity FILE; fill in a copy of '
                           f'config/identity.yaml){also}')
     if others:
@@ -272,17 +272,18 @@ def _is_after(day: str, issued: str) -> bool:
 def _check_issue(stated: str, issued: str, ended: str) -> None:
     """Raise InvalidData where the day of issue, stated or that of today, lies before the last day of measuring."""
     if stated and _is_after(ended, stated):
-        raise InvalidData(f'certificate: certificate.date: wanted a day of issue after the measurement, which ended '
-                          f'{ended}, got {stated}; correct it in the identity file')
+        raise InvalidData(f'certificate: certificate.date: expected a day of issue after the measurement, which ended '
+                          f'{ended}, found {stated}; correct it in the identity file')
     if _is_after(ended, issued):
-        raise InvalidData(f'certificate: measured.end: wanted a day of measuring before that of issue, {issued}, got '
+        raise InvalidData(f'certificate: measured.end: expected a day of measuring before that of issue, {issued}, '
+                          f'found '
                           f'{ended}; was the clock of the recorder wrong? State measured.begin and measured.end in '
                           'the identity file')
 
 
 def _measured(run: Run, source: Source) -> Measured:
     if doubt := remark_on_radius(run.radius):
-        raise InvalidData(f'{run.source}: wanted readings whose unit is sure for a certificate, got: '
+        raise InvalidData(f'{run.source}: expected readings whose unit is sure for a certificate, found: '
                           f'{remark_words(doubt)}')
     days = (source.begun[:10], source.ended[:10]) if source.begun and source.ended else None
     known = known_temperatures(run)

@@ -150,7 +150,7 @@ def run_query(options: Namespace) -> None:
     wanted = Question(equal, options.since, options.until, options.effect, options.problems,
                       options.model)
     if options.sql and wanted != Question({}):
-        raise UsageError('archive query: wanted SQL or a ready question, got both; put all into the SQL')
+        raise UsageError('archive query: expected SQL or a ready question, found both; put all into the SQL')
     if options.columns:
         answer = pa.table(dict(zip(('column', 'type', 'meaning'), zip(*((name, str(kind), meaning) for
                                                                          name, kind, meaning in COLUMNS)))))
@@ -233,7 +233,7 @@ def run_reanalyse(options: Namespace) -> None:
     """Evaluate what is not known under either model, and print both side by side."""
     before, after = read_model(options.before), read_model(options.model)
     if before == after:
-        raise UsageError(f'archive reanalyse: wanted two models, got one twice: {after}')
+        raise UsageError(f'archive reanalyse: expected two models, found one twice: {after}')
     archive = RunArchive(options.archive)
     logs, gone = reanalysis.logs_of(archive)
     with progress() as show, engine_of(options) as engine:

@@ -62,7 +62,7 @@ def until(text: str) -> float:
 def picture_file(text: str) -> Path:
     """Read the name of a picture to write."""
     if Path(text).suffix.lower() not in PICTURES:
-        raise argparse.ArgumentTypeError(f'wanted a file name that ends with {", ".join(PICTURES)}, got {text!r}')
+        raise argparse.ArgumentTypeError(f'expected a file name that ends with {", ".join(PICTURES)}, found {text!r}')
     return Path(text)
 
 
@@ -71,7 +71,7 @@ def _reader(kind: Callable[[str], Value], is_right: Callable[[Value], bool], wan
         with contextlib.suppress(ValueError):
             if is_right(value := kind(text)):
                 return value
-        raise argparse.ArgumentTypeError(f'wanted {wanted}, got {text!r}')
+        raise argparse.ArgumentTypeError(f'expected {wanted}, found {text!r}')
     return read
 
 
@@ -80,7 +80,7 @@ def made_folder(path: str, use: str = 'for logs', hint: str = '; choose another 
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f'{path}: wanted a folder {use}, got: {error.strerror}{hint}') from error
+        raise UsageError(f'{path}: expected a folder {use}, found: {error.strerror}{hint}') from error
     return Path(path)
 
 
@@ -105,8 +105,8 @@ def namespace(text: str) -> str:
     """Read a namespace, with or without the slash in front."""
     bare = text.strip('/')
     if not re.fullmatch(r'([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?', bare, re.ASCII):
-        raise argparse.ArgumentTypeError(f'wanted a namespace such as cell2 (letters, digits and "_", none begins '
-                                         f'with a digit), got {text!r}')
+        raise argparse.ArgumentTypeError(f'expected a namespace such as cell2 (letters, digits and "_", none begins '
+                                         f'with a digit), found {text!r}')
     return bare
 
 
@@ -202,9 +202,9 @@ def load(module: str, what: str) -> ModuleType:
             raise
         if isinstance(error, ModuleNotFoundError) and importlib.util.find_spec(package) is None:
             install = _SOURCE if _ROS.fullmatch(package) else install_command(package)
-            raise UsageError(f'{what}: wanted the Python package {package}, got none; {install}') from error
+            raise UsageError(f'{what}: expected the Python package {package}, found none; {install}') from error
         where = getattr(sys.modules.get(package), '__file__', None) or file
-        raise UsageError(f'{what}: {where}: wanted a package that can be loaded, got: '
+        raise UsageError(f'{what}: {where}: expected a package that can be loaded, found: '
                          f'{" ".join(str(error).split()):.300}; check PYTHONPATH and the settings of that package'
                          ) from error
 

@@ -77,11 +77,11 @@ def cell_arguments(parser: argparse.ArgumentParser) -> None:
 def run_cell(options: argparse.Namespace) -> None:
     """Start the cell, restart failed nodes until Ctrl-C, end it; raise CellError where one fails again and again."""
     if (options.cmm == DME) != bool(options.settings):
-        raise UsageError('cell: wanted --cmm dme and --settings FILE together, got one of them')
+        raise UsageError('cell: expected --cmm dme and --settings FILE together, found one of them')
     is_real = options.no_simulation or options.cmm == DME
     for path in filter(None, (options.machine, options.params, options.settings)):
         if not Path(path).is_file():
-            raise InvalidConfig(f'{path}: wanted a YAML file, found none; check the path')
+            raise InvalidConfig(f'{path}: expected a YAML file, found none; check the path')
     if is_real and options.machine:
         raise InvalidConfig('cell: --machine describes a simulated CMM; remove --no-simulation or --cmm dme')
     if options.no_simulation and options.cmm == DME:
@@ -124,8 +124,8 @@ def refuse_other_plate(machine: str | None, params: str) -> None:
             n = given.get('balls', config.plate.balls)
             if n != config.plate.balls or abs(plate.circle - config.radius) > ROUNDING:
                 raise InvalidConfig(
-                    f'{machine or "the simulated machine"}: plate: wanted balls: {n} and circle_radius_mm: '
-                    f'{1e3 * plate.circle:.6g}, the places of {given["file"]} in {params}, got '
+                    f'{machine or "the simulated machine"}: plate: expected balls: {n} and circle_radius_mm: '
+                    f'{1e3 * plate.circle:.6g}, the places of {given["file"]} in {params}, found '
                     f'{config.plate.balls} and {config.plate.circle_radius_mm:g}')
 
 
@@ -177,7 +177,7 @@ def refuse_second_cell(out: Console, cell: Cell) -> None:
         found = [name for name in client.running() if name in cell.nodes]  # a CMM of somebody else may be there already
     if found:
         where = 'this ROS domain' if cell.domain_id is None else f'domain {cell.domain_id}'
-        raise CellError(f'cell: wanted no cell in {where} and namespace /{cell.namespace}, found {", ".join(found)}; '
+        raise CellError(f'cell: expected no cell in {where} and namespace /{cell.namespace}, found {", ".join(found)}; '
                         'end that one, or give this one its own --domain or --namespace')
 
 
@@ -230,7 +230,7 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
 def run_calibrate(options: argparse.Namespace) -> None:
     """Run the calibration to its end; Ctrl-C cancels it. Raises CellError where it is not evaluated with others."""
     if options.resume is not None and not options.resume.strip():
-        raise UsageError('--resume: wanted the log of a run, by name or path, got nothing; without --resume a new '
+        raise UsageError('--resume: expected the log of a run, by name or path, found nothing; without --resume a new '
                          'run begins')
     resume = options.resume or ''
     if resume and Path(resume).is_dir():  # on this computer: by its whole path

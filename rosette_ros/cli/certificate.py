@@ -45,7 +45,7 @@ def run(options: Namespace) -> None:
     if options.verify:
         check(options)
     elif options.json:
-        raise UsageError('--json: wanted it with --verify; a certificate is a file (XML); leave it out')
+        raise UsageError('--json: expected it with --verify; a certificate is a file (XML); leave it out')
     else:
         make(options)
 
@@ -58,7 +58,8 @@ def make(options: Namespace) -> None:
             continue
         one = Path(name)
         if one.suffix.lower() != ending:
-            raise UsageError(f'{word}: wanted a name that ends in {ending}, got {str(name)!r}; -o names the XML, --pdf '
+            raise UsageError(f'{word}: expected a name that ends in {ending}, found {str(name)!r}; -o names the XML, '
+                             f'--pdf '
                              'the pages for people')
         refuse_output(one, options.force)
     identity = read_identity(options.identity) if options.identity else Identity()

@@ -44,7 +44,7 @@ def import_arguments(parser: ArgumentParser) -> None:
 def run_import(options: Namespace) -> None:
     """Write the log, the map of the columns, or both."""
     if not (options.output or options.save):
-        raise UsageError('import: wanted -o RUN, --save MAP or both, got none')
+        raise UsageError('import: expected -o RUN, --save MAP or both, found none')
     columns = read_columns(options.columns)
     if columns is None and sys.stdin.isatty() and sys.stdout.isatty():
         columns = asked_columns(options.table)

@@ -102,7 +102,7 @@ def run_demo(options: Namespace) -> None:
         raise InvalidConfig('demo: --dme and --hidden exclude each other: behind a server what is hidden follows the '
                             "machine's time, readings have the time of day; choose one")
     if not np.isfinite(options.axis).all() or not np.any(options.axis):
-        raise UsageError('--axis: wanted 3 finite numbers that are not all 0, got '
+        raise UsageError('--axis: expected 3 finite numbers that are not all 0, found '
                          f'{" ".join(f"{x:g}" for x in options.axis)}')
     hidden = {} if options.hidden is None else {'hidden': {'seed': options.hidden, **hidden_demo.SIZES}}
     order = order_name(options.order or 'interleaved')

@@ -35,7 +35,7 @@ def free_domain() -> int:
     for domain in random.sample(DOMAINS, len(DOMAINS)):
         if is_free(domain):
             return domain
-    raise CellError(f'ROS domain: wanted a free one in 1 .. {DOMAINS[-1]}, found none; end other ROS programs or '
+    raise CellError(f'ROS domain: expected a free one in 1 .. {DOMAINS[-1]}, found none; end other ROS programs or '
                     'choose one with --domain')
 
 
@@ -86,7 +86,7 @@ class DemoCell:
         fields: others of the goal, as of CellClient.calibrate."""
         outcome = calibrate(self.client, order=order, seed=seed, options=options, check=self.cell.check, **fields)
         if outcome.log is None:
-            raise CellError('demo: wanted the log of the run, got none; see the output of the recorder')
+            raise CellError('demo: expected the log of the run, found none; see the output of the recorder')
         for path in self.machine.parent.iterdir():
             shutil.copy(path, outcome.log)
         return outcome.log

@@ -55,7 +55,7 @@ def check_arguments(parser: argparse.ArgumentParser) -> None:
 def check(options: argparse.Namespace) -> None:
     """Print what the server tells; raises CellError where the machine is not ready."""
     if bool(options.server) == bool(options.settings):
-        raise UsageError('dme check: wanted HOST[:PORT] or --settings FILE, one of the two')
+        raise UsageError('dme check: expected HOST[:PORT] or --settings FILE, one of the two')
     settings = load_dme_settings(options.settings) if options.settings else None
     host, port = (settings.server.host, settings.server.port) if settings else _address(options.server)
     server = address_words(host, port)
@@ -76,7 +76,7 @@ def _address(text: str) -> tuple[str, int]:
     port = int(found[3] or PORT) if found else 0
     if found is None or not 0 < port < 65536:
         hint = '; an IPv6 address stands in brackets, as [::1]:1294' if text.count(':') > 1 else ''
-        raise UsageError(f'dme check: wanted HOST or HOST:PORT, got {text!r}{hint}')
+        raise UsageError(f'dme check: expected HOST or HOST:PORT, found {text!r}{hint}')
     return found[1] or found[2], port
 
 
@@ -157,7 +157,7 @@ def path(options: argparse.Namespace) -> None:
     balls = table.frame.to_outer(table.balls_at(angle))
     for name, number, most in (('ball', options.ball, len(balls)), ('position', options.position, table.balls)):
         if number > most:
-            raise UsageError(f'dme path: --{name}: wanted 1 .. {most}, got {number}')
+            raise UsageError(f'dme path: --{name}: expected 1 .. {most}, found {number}')
     centre = balls[options.ball - 1]
     steps = ball_path(settings, centre, table.frame.rotation[:, 2])
     steps = lifted(settings, steps) if settings.dry_run else steps

@@ -119,7 +119,7 @@ def assignment(text: str) -> tuple[str, int | float | str]:
     """Return (name, value) of NAME=VALUE; a value that is no number is a text."""
     name, equals, value = text.partition('=')
     if not (name and equals and value):
-        raise argparse.ArgumentTypeError(f'wanted NAME=VALUE such as tau=600, got {text!r}')
+        raise argparse.ArgumentTypeError(f'expected NAME=VALUE such as tau=600, found {text!r}')
     for kind in (int, float):
         with contextlib.suppress(ValueError):
             return name, kind(value)
@@ -138,10 +138,10 @@ def extended(model: Model, options: Namespace) -> Model:
     name, *others = options.effects
     own = {key: value for key in ('direction', 'expression', 'per') if (value := getattr(options, key)) is not None}
     if own and settings:
-        raise InvalidModel(f'{name}: wanted either --set for an effect of the library or '
-                           '--direction and --expression for a user-defined term, got both')
+        raise InvalidModel(f'{name}: expected either --set for an effect of the library or '
+                           '--direction and --expression for a user-defined term, found both')
     if others and (own or settings):
-        raise InvalidModel(f'wanted one effect with settings of its own, got {", ".join(options.effects)}; add one '
+        raise InvalidModel(f'expected one effect with settings of its own, found {", ".join(options.effects)}; add one '
                            'after the other')
     if own:
         return model.with_entry({'own': name, **own})

@@ -237,7 +237,7 @@ def run_envelope(options: Namespace) -> None:
     """Open the envelope; raises InvalidData where the run has none."""
     path = Path(options.run_path)
     if not (path / ENVELOPE).is_file():
-        raise InvalidData(f'{path}: wanted the log of `rosette demo --hidden`, got none with {ENVELOPE}')
+        raise InvalidData(f'{path}: expected the log of `rosette demo --hidden`, found none with {ENVELOPE}')
     tell(console(), path, options.model, options.all)
 
 

@@ -83,7 +83,7 @@ Implementation: TypeAlias = tuple[Arguments, Carry] | Mapping[str, tuple[str, Ar
 """What a module of verbs has of one: its arguments and its function; or by word what it does, and the same of it."""
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
-CLOSED = 'wanted an output that can be written, got a closed one; leave out >&-'
+CLOSED = 'expected an output that can be written, found a closed one; leave out >&-'
 UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 PATIENCE = 3.0  # a signal that asks for the end ends a verb within this time, s
 
@@ -170,7 +170,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.filename or error.errno not in UNWRITABLE:  # else of stdout: errors of files are met where they are
             raise
         if error.errno != errno.EPIPE:
-            _print_error(f'stdout: wanted an output that can be written, got: {error.strerror}; write elsewhere')
+            _print_error(f'stdout: expected an output that can be written, found: {error.strerror}; write elsewhere')
         # Nothing can be written, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK if error.errno == errno.EPIPE else EXIT_ERROR
@@ -286,7 +286,7 @@ def run_shell(options: argparse.Namespace) -> None:
     command = options.command or [os.environ.get('SHELL') or os.environ.get('COMSPEC', 'sh')]
     found = shutil.which(command[0], path=path)
     if found is None:
-        raise UsageError(f'shell: wanted a command, got {command[0]!r}, which is not found')
+        raise UsageError(f'shell: expected a command, found {command[0]!r}, which is not found')
     if not options.command:
         print(f'{command[0]} with rosette and python of {folder}; exit leaves it', flush=True)
         if Path(found).name == 'bash':

@@ -51,15 +51,16 @@ def is_joint(options: Namespace) -> bool:
     """Return whether the runs are evaluated as one, as plates of any pitch always are; raises UsageError."""
     is_wanted = options.joint or options.share or any(map(has_plate, options.run_path))
     if not is_wanted and len(options.run_path) > 1:
-        raise UsageError(f'wanted one RUN, got {len(options.run_path)}; --joint evaluates several as one')
+        raise UsageError(f'expected one RUN, found {len(options.run_path)}; --joint evaluates several as one')
     if is_wanted and (options.model or (options.run_id and len(options.run_path) > 1)):
-        raise UsageError('--joint: wanted no --model and, for several runs, no --run-id, got '
+        raise UsageError('--joint: expected no --model and, for several runs, no --run-id, found '
                          f'{"--model" if options.model else "--run-id"}; the base model is fitted to whole logs')
     if is_wanted and getattr(options, 'refit_spheres', False):
         plates = [path for path in options.run_path if has_plate(path)]
-        raise UsageError(f'--refit-spheres: wanted the log of a run, which has its touches, got the table {plates[0]} '
+        raise UsageError(f'--refit-spheres: expected the log of a run, which has its touches, found the table '
+                         f'{plates[0]} '
                          'with ball centres only; leave the option out' if plates and len(options.run_path) == 1 else
-                         '--refit-spheres: wanted one run, got several as one; leave --joint out')
+                         '--refit-spheres: expected one run, found several as one; leave --joint out')
     return bool(is_wanted)
 
 

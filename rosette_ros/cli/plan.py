@@ -100,21 +100,21 @@ def run_plan(options: Namespace) -> None:
     if options.environment and options.order is None and not options.plans:
         options.plans = [*ORDERS]
     if (options.order is not None) == bool(options.plans):
-        raise UsageError('plan: wanted either --order, or plan files and orders to compare')
+        raise UsageError('plan: expected either --order, or plan files and orders to compare')
     if options.format and not options.figures:
         raise UsageError('plan: --format goes with --figures only; leave it out')
     if options.plate:
         put_on_plate(options)
     words = options.plans or [options.order]
     if len(words) > MOST_PLANS:
-        raise UsageError(f'plan: wanted at most {MOST_PLANS} plans, got {len(words)}')
+        raise UsageError(f'plan: expected at most {MOST_PLANS} plans, found {len(words)}')
     made = chosen(words, options)
     is_list = options.csv or options.csv_template
     if len(words) > 1 and (options.output or options.csv_template):
-        raise UsageError('plan: wanted one plan to write, got several; leave out --output and --csv-template')
+        raise UsageError('plan: expected one plan to write, found several; leave out --output and --csv-template')
     if options.output:
         if Path(options.output).suffix.lower() != '.csv':
-            raise UsageError(f'--output: wanted a name that ends in .csv, got {options.output!r}')
+            raise UsageError(f'--output: expected a name that ends in .csv, found {options.output!r}')
         write_text(options.output, format_plan(made[0]), options.force)
     if len(words) == 1 and is_list:
         scheme, radius_mm = made[0].scheme, 1e3 * made[0].radius
@@ -148,9 +148,9 @@ def put_on_plate(options: Namespace) -> None:
     """Set the radius and the balls in use from the plate file."""
     beside = ('radius_mm', 'cmm_positions', 'balls_in_use')
     if given := [name for name in beside if getattr(options, name)]:
-        raise UsageError(f'--plate: wanted it without {given[0].replace("_", " ")}, got both; leave out one')
+        raise UsageError(f'--plate: expected it without {given[0].replace("_", " ")}, found both; leave out one')
     if options.balls is None:
-        raise UsageError('--plate: wanted --balls, the number of table positions, too')
+        raise UsageError('--plate: expected --balls, the number of table positions, too')
     plate = read_plate(options.plate)
     options.radius_mm, options.balls_in_use = 1e3 * plate.circle, ', '.join(map(str, plate.places(options.balls)))
 
@@ -168,9 +168,10 @@ def chosen(words: Sequence[str], options: Namespace) -> list[MeasuringPlan]:
         if word in read:
             every.append(read[word])
         elif order not in ORDERS and re.search(r'[./\\]', word):
-            raise InvalidPlan(f'{word}: wanted a plan file, or one of {", ".join(ORDERS)}, got neither; check the path')
+            raise InvalidPlan(f'{word}: expected a plan file, or one of {", ".join(ORDERS)}, found neither; check the '
+                              f'path')
         elif n is None or radius is None:
-            raise UsageError('plan: wanted --balls and --radius-mm with an order, or a plan file')
+            raise UsageError('plan: expected --balls and --radius-mm with an order, or a plan file')
         else:
             in_use = (places_in_use(text, n, what) for text, what in (
                 (places or options.cmm_positions, 'CMM positions'), (options.balls_in_use, 'balls')))
@@ -283,7 +284,7 @@ def run_advise(options: Namespace) -> None:
             advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed,
                             environment=environment)
     else:
-        raise UsageError('advise: wanted either RUN or both --balls and --order')
+        raise UsageError('advise: expected either RUN or both --balls and --order')
     if options.json:
         print_json(advice_json(advice, n, radius, run_id))
     else:
@@ -293,9 +294,9 @@ def run_advise(options: Namespace) -> None:
 def advise_readings(options: Namespace) -> None:
     """Print the next readings of a run, and write them as a plan."""
     if options.run_path is None or options.order is not None or options.show:
-        raise UsageError('advise: --readings: wanted RUN, without --order and --show')
+        raise UsageError('advise: --readings: expected RUN, without --order and --show')
     if options.plan and Path(options.plan).suffix.lower() != '.csv':
-        raise UsageError(f'--plan: wanted a name that ends in .csv, got {options.plan!r}')
+        raise UsageError(f'--plan: expected a name that ends in .csv, found {options.plan!r}')
     opened = Opened(options)
     run = opened.run
     warn(run)

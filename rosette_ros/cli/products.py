@@ -78,7 +78,7 @@ def run_correct(options: Namespace) -> None:
     if options.curves is not None:
         chosen = tuple(options.curves.split(','))
     if [one for one in chosen if one not in CURVES]:
-        raise UsageError(f'--curves: wanted some of {",".join(CURVES)}, got {options.curves!r}')
+        raise UsageError(f'--curves: expected some of {",".join(CURVES)}, found {options.curves!r}')
     for name, targets in (('step', [*STEPS]), ('range', ['csv', 'linuxcnc']), ('detection_unit', ['fanuc']),
                           ('invert', ['sinumerik-cec', 'heidenhain', 'fanuc']),
                           *((one, [*STEPS][1:]) for one in ('axis', 'sign', 'zero'))):
@@ -87,18 +87,20 @@ def run_correct(options: Namespace) -> None:
                              'it out')
     axis = options.axis or 'C'
     if not re.fullmatch(r"[A-Za-z]\w*'?", axis):
-        raise UsageError(f'--axis: wanted the name of an axis such as C, C1 or C\', got {axis!r}')
+        raise UsageError(f'--axis: expected the name of an axis such as C, C1 or C\', found {axis!r}')
     controller = Axis(axis.rstrip("'"), int(options.sign or (-1 if axis.endswith("'") else 1)), options.zero or 0.0,
                       options.detection_unit or 1e-4, -1 if options.invert else 1)
     if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
-        raise UsageError(f'--output: wanted a name for YAML with --for ros, got {options.output!r}; --for csv writes a '
+        raise UsageError(f'--output: expected a name for YAML with --for ros, found {options.output!r}; --for csv '
+                         f'writes a '
                          'table')
     low, high = options.range or (0.0, 360.0)
     if not low < high:
-        raise UsageError(f'correct: --range: wanted MIN below MAX, got {low:g} and {high:g}')
+        raise UsageError(f'correct: --range: expected MIN below MAX, found {low:g} and {high:g}')
     step = options.step or STEPS.get(options.target, 0.0)
     if step and (high - low) / step > MOST_LINES:
-        raise UsageError(f'correct: wanted a table of at most {MOST_LINES} lines, got --range {low:g} {high:g} with '
+        raise UsageError(f'correct: expected a table of at most {MOST_LINES} lines, found --range {low:g} {high:g} '
+                         f'with '
                          f'--step {step:g}; take a larger --step or a smaller --range')
     refuse_output(options.output, options.force)
     made = _correction(options, chosen)

@@ -75,10 +75,10 @@ def run(options: argparse.Namespace) -> None:
                 cell.check()
     differ = [show(out, run_id, error_motions_record(found[run_id]), wanted) for run_id, wanted in expected.items()]
     if any(differ):
-        raise InvalidData(f'{options.log}: wanted the expected error motions, got others; another version of the '
+        raise InvalidData(f'{options.log}: expected the expected error motions, found others; another version of the '
                           'software, or another model?')
     if others := [seq for seq, is_same in player.decisions if not is_same]:
-        raise InvalidData(f'{options.log}: wanted the next readings after target {others[0]} as in the log, got '
+        raise InvalidData(f'{options.log}: expected the next readings after target {others[0]} as in the log, found '
                           'others; another version of the software, or another model?')
     if player.decisions:
         out.print(f'[green]next readings equal to those in the log, {len(player.decisions)} times[/]')
@@ -102,12 +102,13 @@ def expected_motions(log: LogRun) -> dict[str, Expected]:
     if not expected and not log.states:
         run = log.to_run()
         if not run.is_complete:
-            raise InvalidData(f'{log.path}: wanted all {run.n**2} ball centres, for which an evaluator waits, got '
+            raise InvalidData(f'{log.path}: expected all {run.n**2} ball centres, for which an evaluator waits, found '
                               f'{run.size}; try rosette evaluate')
         expected = {run.run_id: Expected(analyse(run).error_motions, 'of rosette evaluate', run.repeatability is None)}
     if not expected:
         ended = '; '.join(f'run {state.run_id}: {state.text}' for state in log.states)
-        raise InvalidData(f'{log.path}: wanted a run that was evaluated, got none ({ended}); try rosette evaluate on '
+        raise InvalidData(f'{log.path}: expected a run that was evaluated, found none ({ended}); try rosette evaluate '
+                          f'on '
                           'what was measured')
     return expected
 
@@ -123,7 +124,8 @@ def replay(player: 'LogPlayer', options: argparse.Namespace, log: LogRun,
     found = player.evaluate(log, expected, RESULT_TIMEOUT)
     missing = [run_id for run_id in expected if run_id not in found]
     if missing:
-        raise CellError(f'replay: wanted the error motions of run {missing[0]} within {RESULT_TIMEOUT:g} s, got none; '
+        raise CellError(f'replay: expected the error motions of run {missing[0]} within {RESULT_TIMEOUT:g} s, found '
+                        f'none; '
                         'see the output of the evaluator')
     return found
 
@@ -164,7 +166,7 @@ class LogPlayer(GraphClient):
         chosen = {topic.name: topic for topic in topics if _last(topic.name) in inputs}
         answers = [name for name in chosen if _last(name) == names.BALL_CENTRE]
         if not answers:
-            raise CellError(f'replay: wanted a log with the topic {names.BALL_CENTRE}, got '
+            raise CellError(f'replay: expected a log with the topic {names.BALL_CENTRE}, found '
                             f'{", ".join(topic.name for topic in topics) or "no topics"}')
         library = TypeLibrary.from_environment(os.environ)
         for topic in chosen.values():

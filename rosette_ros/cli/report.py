@@ -74,7 +74,7 @@ def run(options: Namespace) -> None:
     if options.format and not options.figures:
         raise InvalidData('report: --format goes with --figures only; leave it out')
     if bool(options.run_path) == bool(options.compare):
-        raise InvalidData('report: wanted either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
+        raise InvalidData('report: expected either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
     for name in ('inputs', 'environment', 'run_id', 'overlay', 'joint', 'share', 'identity', 'refit_spheres'):
         if options.compare and getattr(options, name):
             raise InvalidData(f'report: --{name.replace("_", "-")} does not go with --compare; leave it out')

@@ -47,11 +47,11 @@ def studio_options(options: argparse.Namespace, environment: Mapping[str, str]) 
     """Return the options; raises InvalidConfig for an address that others can reach without a token."""
     token = options.token if options.token is not None else environment.get(TOKEN_VARIABLE) or None
     if token is not None and (len(token) < SHORTEST_TOKEN or not token.isascii() or not token.isprintable()):
-        raise InvalidConfig(f'--token: wanted at least {SHORTEST_TOKEN} printable ASCII characters, got '
+        raise InvalidConfig(f'--token: expected at least {SHORTEST_TOKEN} printable ASCII characters, found '
                             f'{len(token)} characters')
     if token is None and not is_loopback(options.host):
-        raise InvalidConfig(f'--host {options.host}: others can reach this address; wanted a token with it '
-                            f'(--token T or {TOKEN_VARIABLE}), got none')
+        raise InvalidConfig(f'--host {options.host}: others can reach this address; expected a token with it '
+                            f'(--token T or {TOKEN_VARIABLE}), found none')
     return StudioOptions(tuple(options.runs), suggestions(options.runs), options.host, options.port, token,
                          options.domain, not options.no_browser, options.namespace, options.archive)
 

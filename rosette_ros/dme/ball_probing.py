@@ -70,10 +70,10 @@ class DmeCmm:
         settings, session = self.settings, self.session
         homed = await self.session.optional(Call('IsHomed'))
         if homed and numbers(homed[0], 'IsHomed') == (0.0,):
-            raise CellError(f'{session.where}: wanted a homed machine, got IsHomed(0); home it at the machine')
+            raise CellError(f'{session.where}: expected a homed machine, found IsHomed(0); home it at the machine')
         machine = await session.optional(Call('GetMachineClass'))
         if not settings.simulated and 'simulated' in str(machine).lower():
-            raise CellError(f'{session.where}: wanted "simulated: true" in the settings, since the server says that '
+            raise CellError(f'{session.where}: expected "simulated: true" in the settings, since the server says that '
                             'its machine is simulated: logs and certificates of its runs have to say so')
         await self.session.request(call('SetCoordSystem', Word('MachineCsy')))
         await self._take_tool(may_move)
@@ -88,12 +88,12 @@ class DmeCmm:
                                f'{"no such property" if found is None else f"{found:g}"}')
             most = settings.path.stand_off_mm
             if found is not None and name.endswith(('Approach', 'Retract')) and found > most:
-                raise CellError(f'{session.where}: Tool.{name}: wanted at most path.stand_off_mm = {most:g}, got '
+                raise CellError(f'{session.where}: Tool.{name}: expected at most path.stand_off_mm = {most:g}, found '
                                 f'{found:g}, as the server has it')
         radius = await self.session.property_of('Tool.AvrRadius')
         if radius is not None and abs(radius - settings.tool.tip_radius_mm) > settings.tool.tip_tolerance_mm:
-            raise CellError(f'{session.where}: wanted a tip radius of {settings.tool.tip_radius_mm:g} mm '
-                            f'(tool.tip_radius_mm), got {radius:g} from the server: is it the right tool?')
+            raise CellError(f'{session.where}: expected a tip radius of {settings.tool.tip_radius_mm:g} mm '
+                            f'(tool.tip_radius_mm), found {radius:g} from the server: is it the right tool?')
         await self.session.request(call('OnPtMeasReport', *map(Call, 'XYZ')))
         self.table = TableState(await read_table(self.session.request, settings.table))
         self.remarks = remarks
@@ -105,7 +105,8 @@ class DmeCmm:
             if name == (wanted,):
                 return
             if not may_move:
-                raise ToolNotInUse(f'{self.session.where}: wanted the tool {wanted!r} in use, got {shown(name or ())}; '
+                raise ToolNotInUse(f'{self.session.where}: expected the tool {wanted!r} in use, found '
+                                   f'{shown(name or ())}; '
                                    'it is changed for, which moves the machine, before the first ball')
         if wanted:
             try:
@@ -125,7 +126,8 @@ class DmeCmm:
         sent = await self.session.carry_out(wanted)
         for warning in sent.warnings:
             if warning.number == CLAMPED:
-                raise CellError(f'{format_value(wanted)}: {warning}; wanted a place that the machine reaches, it went '
+                raise CellError(f'{format_value(wanted)}: {warning}; expected a place that the machine reaches, it '
+                                f'went '
                                 'elsewhere: see path.clearance_mm, path.box_low_mm, path.box_high_mm and the limits '
                                 'of the machine')
         return sent
@@ -213,7 +215,8 @@ class DmeCmm:
             return position
         position = await self.position()
         if not np.linalg.norm(position - steps[-1].point) <= OFF_PLACE:
-            raise CellError(f'lift to the clearance plane: wanted the tip at {words(1e3 * steps[-1].point)} mm, got '
+            raise CellError(f'lift to the clearance plane: expected the tip at {words(1e3 * steps[-1].point)} mm, '
+                            f'found '
                             f'{words(1e3 * position)} from X, Y, Z; nothing turns')
         return position
 
@@ -225,7 +228,8 @@ class DmeCmm:
         motion, tip = self.settings.motion, self.settings.tool.tip_radius_mm
         most = motion.approach_mm + motion.search_mm + 2 * tip
         if np.linalg.norm(point - 1e3 * step.point) > most:
-            raise CellError(f'wanted a point within {most:g} mm of {words(1e3 * step.point)} mm, got {words(point)}: '
+            raise CellError(f'expected a point within {most:g} mm of {words(1e3 * step.point)} mm, found '
+                            f'{words(point)}: '
                             'does the server count in mm and in machine coordinates?')
         return 1e-3 * point, sent.data_time
 
@@ -234,7 +238,8 @@ class DmeCmm:
         ball, tip, found = self.settings.ball.radius_mm, self.settings.tool.tip_radius_mm, 1e3 * radius
         off, is_compensated = min((abs(found - ball - tip), False), (abs(found - ball), True))
         if off > self.settings.ball.radius_tolerance_mm:
-            raise CellError(f'wanted a sphere of radius {ball:g} mm, or {ball + tip:g} with the tip, got {found:.3f}; '
+            raise CellError(f'expected a sphere of radius {ball:g} mm, or {ball + tip:g} with the tip, found '
+                            f'{found:.3f}; '
                             'see ball.radius_mm, tool.tip_radius_mm and the qualification of the tool')
         return is_compensated
 

@@ -53,7 +53,7 @@ def own_ball(settings: DmeSettings, balls: Floats, ball: int, centre: Floats) ->
     if settings.table.azimuths_deg is not None:
         return int(np.argmin(np.linalg.norm(balls - centre, axis=-1)))
     if not 1 <= ball <= len(balls):
-        raise InvalidPlan(f'wanted one of the {len(balls)} balls of the settings (table.balls), got ball {ball}')
+        raise InvalidPlan(f'expected one of the {len(balls)} balls of the settings (table.balls), found ball {ball}')
     return ball - 1
 
 
@@ -63,7 +63,7 @@ def refuse_target(settings: DmeSettings, target: PlannedBall) -> tuple[Floats, i
     Raises InvalidPlan for a target that is none of them, and says how far it is off."""
     table, frame = settings.table, settings.table.frame
     if target.balls != table.balls:
-        raise InvalidPlan(f'wanted a plan of {table.balls} balls, as the settings have (table.balls), got one of '
+        raise InvalidPlan(f'expected a plan of {table.balls} balls, as the settings have (table.balls), found one of '
                           f'{target.balls}')
     balls = frame.to_outer(table.balls_at(target.table_angle))
     own = own_ball(settings, balls, target.ball, target.centre)
@@ -72,13 +72,14 @@ def refuse_target(settings: DmeSettings, target: PlannedBall) -> tuple[Floats, i
         there, (x, y, height) = frame.to_inner(balls[own]), frame.to_inner(target.centre)
         radial = 1e3 * (np.hypot(x, y) - np.hypot(*there[:2]))
         turned = np.rad2deg((np.arctan2(y, x) - np.arctan2(there[1], there[0]) + np.pi) % TWO_PI - np.pi)
-        raise InvalidPlan(f'wanted the ball within {table.search_mm:g} mm of {words(1e3 * balls[own])} mm, where the '
-                          f'settings have it (table), got {words(1e3 * target.centre)}: {off:.1f} mm off, turned by '
+        raise InvalidPlan(f'expected the ball within {table.search_mm:g} mm of {words(1e3 * balls[own])} mm, where the '
+                          f'settings have it (table), found {words(1e3 * target.centre)}: {off:.1f} mm off, turned by '
                           f'{turned:+.1f} deg about the table axis, {radial:+.1f} mm in radius, '
                           f'{1e3 * height:+.1f} mm along the axis')
     axis = frame.rotation[:, 2]
     if target.pole.any() and target.pole @ axis < np.cos(ALONG):
-        raise InvalidPlan(f'wanted the pole along {words(axis)}, table.axis of the settings, got {words(target.pole)}')
+        raise InvalidPlan(f'expected the pole along {words(axis)}, table.axis of the settings, found '
+                          f'{words(target.pole)}')
     return balls, own
 
 

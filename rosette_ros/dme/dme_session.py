@@ -97,10 +97,12 @@ class DmeSession:
             async with asyncio.timeout(timeouts.connect_s):
                 reader, writer = await asyncio.open_connection(host, port, limit=wire.LONGEST)
         except TimeoutError:
-            raise DmeLost(f'{where}: wanted a connection within {timeouts.connect_s:g} s, got none; is the I++ server '
+            raise DmeLost(f'{where}: expected a connection within {timeouts.connect_s:g} s, found none; is the I++ '
+                          f'server '
                           'started, and is host:port right?') from None
         except OSError as error:
-            raise DmeLost(f'{where}: wanted a connection, got {error.strerror or error}; is the I++ server started, '
+            raise DmeLost(f'{where}: expected a connection, found {error.strerror or error}; is the I++ server '
+                          f'started, '
                           'and is host:port right?') from None
         connection = writer.get_extra_info('socket')
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -230,7 +232,7 @@ class DmeSession:
 
     async def _within(self, seconds: float, future: 'asyncio.Future[None]', call: wire.Call, what: str) -> None:
         if not await _is_done(future, seconds):
-            words = f'{wire.format_value(call)}: wanted its {what} within {seconds:g} s, got none'
+            words = f'{wire.format_value(call)}: expected its {what} within {seconds:g} s, found none'
             if not self._is_answered:
                 self._lose(f'{words}; {_BUSY}')
                 raise DmeLost(self.stop)
@@ -259,7 +261,7 @@ class DmeSession:
             return
         pending = self._pending.get(response.tag)
         if pending is None:
-            raise wire.NotDme(f'wanted answers to {", ".join(self._pending) or "nothing"}, got one with the tag '
+            raise wire.NotDme(f'expected answers to {", ".join(self._pending) or "nothing"}, found one with the tag '
                               f'{response.tag}')
         if response.kind == wire.ACK and not pending.acked.done():
             pending.acked.set_result(None)

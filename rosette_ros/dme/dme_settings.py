@@ -109,7 +109,7 @@ class DmeTableSettings(Settings):
     @model_validator(mode='after')
     def _can_turn(self) -> Self:
         if self.limits_deg and self.limits_deg[1] - self.limits_deg[0] < 359.999:
-            raise ValueError(f'limits_deg: wanted a whole turn between them, got {list(self.limits_deg)}')
+            raise ValueError(f'limits_deg: expected a whole turn between them, found {list(self.limits_deg)}')
         return self
 
     @property
@@ -143,19 +143,20 @@ class DmeSettings(Settings):
     def _parts_fit(self) -> Self:
         for name in ('approach_mm', 'retract_mm'):
             if getattr(self.motion, name) > self.path.stand_off_mm:
-                raise ValueError(f'motion.{name}: wanted at most path.stand_off_mm = {self.path.stand_off_mm:g}, got '
+                raise ValueError(f'motion.{name}: expected at most path.stand_off_mm = {self.path.stand_off_mm:g}, '
+                                 f'found '
                                  f'{getattr(self.motion, name):g}')
         if self.ball.touches not in TOUCHES:
-            raise ValueError(f'ball.touches: wanted one of {", ".join(map(str, TOUCHES))}, got {self.ball.touches}')
+            raise ValueError(f'ball.touches: expected one of {", ".join(map(str, TOUCHES))}, found {self.ball.touches}')
         if max(self.ball.below_pole_mm, self.ball.below_equator_mm) >= self.ball.radius_mm:
-            raise ValueError('ball: wanted circles on the ball, less than ball.radius_mm from pole and equator')
+            raise ValueError('ball: expected circles on the ball, less than ball.radius_mm from pole and equator')
         least = self.ball.radius_mm + self.tool.tip_radius_mm + self.path.stand_off_mm
         if self.path.clearance_mm < least:
-            raise ValueError('path.clearance_mm: wanted at least ball radius, tip radius and stand-off, '
-                             f'{least:g}, got {self.path.clearance_mm:g}')
+            raise ValueError('path.clearance_mm: expected at least ball radius, tip radius and stand-off, '
+                             f'{least:g}, found {self.path.clearance_mm:g}')
         for axis, low, high in zip('xyz', self.path.box_low_mm, self.path.box_high_mm):
             if low >= high:
-                raise ValueError(f'path.box: wanted box_low_mm below box_high_mm along {axis}, got {low:g} and '
+                raise ValueError(f'path.box: expected box_low_mm below box_high_mm along {axis}, found {low:g} and '
                                  f'{high:g}')
         return self
 

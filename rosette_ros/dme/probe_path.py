@@ -94,7 +94,7 @@ def ball_path(settings: DmeSettings, centre: ArrayLike, pole: ArrayLike, touches
     centre, up = np.asarray(centre, dtype=float), np.asarray(pole, dtype=float)
     touches = touches or settings.ball.touches
     if touches not in TOUCHES:
-        raise InvalidPlan(f'touches: wanted one of {", ".join(map(str, TOUCHES))}, got {touches}')
+        raise InvalidPlan(f'touches: expected one of {", ".join(map(str, TOUCHES))}, found {touches}')
     radius, tip = 1e-3 * settings.ball.radius_mm, 1e-3 * settings.tool.tip_radius_mm
     away = radius + tip + 1e-3 * settings.path.stand_off_mm
     least = radius + tip + 0.5e-3 * settings.path.stand_off_mm
@@ -150,15 +150,15 @@ def refuse_unsafe(settings: DmeSettings, steps: Sequence[PathStep], around: Obst
     gap[np.ix_(np.array([step.is_near for step, _, _ in ways]), around.own)] = np.inf
     for number, (step, _, point) in enumerate(ways):
         if not ((low - _ROUND <= point) & (point <= high + _ROUND)).all():
-            raise UnsafePath(f'{step.why}: wanted a tip within the box {words(1e3 * low)} to {words(1e3 * high)} mm, '
-                             f'got {words(1e3 * point)}; see path.box_low_mm and path.box_high_mm')
+            raise UnsafePath(f'{step.why}: expected a tip within the box {words(1e3 * low)} to {words(1e3 * high)} mm, '
+                             f'found {words(1e3 * point)}; see path.box_low_mm and path.box_high_mm')
         near = int(np.argmin(gap[number]))
         if gap[number, near] < keep - 1e-6:
-            raise UnsafePath(f'{step.why}: wanted at least {1e3 * keep:g} mm between tip and '
-                             f'{" ".join(around.name[near].split())}, got {1e3 * gap[number, near]:.1f}; '
+            raise UnsafePath(f'{step.why}: expected at least {1e3 * keep:g} mm between tip and '
+                             f'{" ".join(around.name[near].split())}, found {1e3 * gap[number, near]:.1f}; '
                              'see path.stand_off_mm and ball')
         if inner[number, 2] < plate and np.hypot(*inner[number, :2]) < reach:
-            raise UnsafePath(f'{step.why}: wanted at least {1e3 * keep:g} mm between tip and plate, got '
+            raise UnsafePath(f'{step.why}: expected at least {1e3 * keep:g} mm between tip and plate, found '
                              f'{1e3 * (inner[number, 2] - plate + keep):.1f}; see ball.shaft_length_mm')
 
 
@@ -189,8 +189,8 @@ def refuse_to_turn(settings: DmeSettings, position: Floats) -> None:
     ring = 1e-3 * (settings.table.radius_mm + settings.ball.radius_mm + settings.tool.tip_radius_mm
                    + settings.path.stand_off_mm)
     if height < 1e-3 * settings.path.clearance_mm - 1e-4 and np.hypot(x, y) < ring:
-        raise UnsafePath(f'the table does not turn: wanted the tip {settings.path.clearance_mm:g} mm over the balls, '
-                         f'or {1e3 * ring:g} mm from the axis, got {1e3 * height:.1f} and {1e3 * np.hypot(x, y):.1f}')
+        raise UnsafePath(f'the table does not turn: expected the tip {settings.path.clearance_mm:g} mm over the balls, '
+                         f'or {1e3 * ring:g} mm from the axis, found {1e3 * height:.1f} and {1e3 * np.hypot(x, y):.1f}')
 
 
 def length(steps: Sequence[PathStep], tip: float) -> float:

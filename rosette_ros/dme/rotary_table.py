@@ -46,7 +46,7 @@ def turning_steps(settings: DmeTableSettings, state: TableState, target: float, 
     if is_there and (approach in (0, state.approach) or settings.turn == 'none'):
         return []
     if settings.turn == 'none':
-        raise InvalidPlan(f'table angle {target:g} deg: wanted a table that can be turned, got table.turn: none')
+        raise InvalidPlan(f'table angle {target:g} deg: expected a table that can be turned, found table.turn: none')
     sense, before = approach or (1 if forward <= 180.0 else -1), 360.0 / settings.balls
     if settings.limits_deg is None:
         if is_there:
@@ -63,7 +63,7 @@ def turning_steps(settings: DmeTableSettings, state: TableState, target: float, 
         back = min(max(end - sense * (before if is_there else settings.overrun_deg), first), last)
         if (end - back) * sense > settings.tolerance_deg:
             return [*_divided(now, back), end]
-    raise InvalidPlan(f'table angle {target:g} deg: wanted a way there {"counter-" * (sense > 0)}clockwise within R '
+    raise InvalidPlan(f'table angle {target:g} deg: expected a way there {"counter-" * (sense > 0)}clockwise within R '
                       f'{settings.limits_deg[0]:g} .. {settings.limits_deg[1]:g}, there is none; turn the other way, '
                       'or set table.zero_deg elsewhere')
 
@@ -103,7 +103,7 @@ async def turn_table(move: Move, request: Request, settings: DmeTableSettings, s
         await move(turning_call(settings, angle))
         found = await read_table(request, settings, angle)
         if abs(found - angle) > settings.tolerance_deg:
-            raise CellError(f'wanted the table at {angle:.4f} deg, got {found:.4f} from R; see table.sign, '
+            raise CellError(f'expected the table at {angle:.4f} deg, found {found:.4f} from R; see table.sign, '
                             'table.reading, table.zero_deg and table.tolerance_deg')
         state.angle, state.approach = found, int(np.sign(angle - before))
 

@@ -111,12 +111,12 @@ async def read_line(reader: asyncio.StreamReader) -> str | None:
         data = await reader.readuntil(b'\n')
     except asyncio.IncompleteReadError as error:
         if error.partial:
-            raise NotDme(f'wanted a line that ends in CR LF, got {error.partial[-60:]!r} and the end') from None
+            raise NotDme(f'expected a line that ends in CR LF, found {error.partial[-60:]!r} and the end') from None
         return None
     except asyncio.LimitOverrunError:
-        raise NotDme(f'wanted a line of at most {LONGEST} bytes, got more') from None
+        raise NotDme(f'expected a line of at most {LONGEST} bytes, found more') from None
     if not data.endswith(b'\r\n'):
-        raise NotDme(f'wanted a line that ends in CR LF, got {data[-60:]!r}')
+        raise NotDme(f'expected a line that ends in CR LF, found {data[-60:]!r}')
     return decoded(data[:-2])
 
 
@@ -124,7 +124,7 @@ def decoded(data: bytes) -> str:
     """Return a line as text; raises NotDme where it holds what is not printable ASCII."""
     text = data.decode('latin-1')
     if not (text.isascii() and text.isprintable()):
-        raise NotDme(f'wanted printable ASCII, got {data[:60]!r}')
+        raise NotDme(f'expected printable ASCII, found {data[:60]!r}')
     return text
 
 
@@ -137,10 +137,10 @@ def parse_command(line: str) -> Command:
     """Return what a client's line says; raises NotDme where it is no command."""
     found = _COMMAND.fullmatch(line)
     if not found or found[1] in UNSOLICITED:
-        raise NotDme(f'wanted a tag 00001-99999 or E0001-E9999, a blank and a command, got {line!r:.80}')
+        raise NotDme(f'expected a tag 00001-99999 or E0001-E9999, a blank and a command, found {line!r:.80}')
     values = parse_values(found[2])
     if len(values) != 1 or not isinstance(values[0], Call) or not values[0].name:
-        raise NotDme(f'wanted one command such as StartSession(), got {found[2]!r:.80}')
+        raise NotDme(f'expected one command such as StartSession(), found {found[2]!r:.80}')
     return Command(found[1], values[0])
 
 
@@ -148,10 +148,10 @@ def parse_response(line: str) -> Response:
     """Return what a server's line says, in either dialect; raises NotDme where it is none of the four kinds."""
     found = _RESPONSE.fullmatch(line)
     if not found:
-        raise NotDme(f'wanted a tag and one of & # ! %, got {line!r:.80}')
+        raise NotDme(f'expected a tag and one of & # ! %, found {line!r:.80}')
     tag, kind, rest = found.groups()
     if kind in (ACK, DONE) and rest:
-        raise NotDme(f'wanted nothing after {tag} {kind}, got {rest!r:.80}')
+        raise NotDme(f'expected nothing after {tag} {kind}, found {rest!r:.80}')
     return Response(tag, kind, parse_values(rest))
 
 
@@ -161,13 +161,13 @@ def parse_values(text: str) -> tuple[Value, ...]:
     while at < len(text):
         found = _TOKEN.match(text, at)
         if not found and text[at:].strip(' '):
-            raise NotDme(f'wanted a value, a comma or a bracket, got {text[at:at + 20]!r} in {text!r:.80}')
+            raise NotDme(f'expected a value, a comma or a bracket, found {text[at:at + 20]!r} in {text!r:.80}')
         at = found.end() if found else len(text)
         if found and found.lastgroup:
             tokens.append((found.lastgroup, found[found.lastgroup]))
     out = _values(tokens, text, DEEPEST)
     if tokens:
-        raise NotDme(f'wanted values separated by commas, got {tokens[0][1]!r:.20} in {text!r:.80}')
+        raise NotDme(f'expected values separated by commas, found {tokens[0][1]!r:.20} in {text!r:.80}')
     return out
 
 
@@ -178,12 +178,12 @@ def _values(tokens: deque[tuple[str, str]], text: str, depth: int) -> tuple[Valu
         kind, word = tokens.popleft()
         if kind == 'call':
             if not depth:
-                raise NotDme(f'wanted at most {DEEPEST} brackets within brackets, got {text!r:.80}')
+                raise NotDme(f'expected at most {DEEPEST} brackets within brackets, found {text!r:.80}')
             out.append(Call(word[:-1], _values(tokens, text, depth - 1)))
             if not tokens or tokens.popleft() != _END:
-                raise NotDme(f'wanted commas between values and a bracket at their end, got {text!r:.80}')
+                raise NotDme(f'expected commas between values and a bracket at their end, found {text!r:.80}')
         elif kind == 'mark':
-            raise NotDme(f'wanted a value, got {word!r} in {text!r:.80}')
+            raise NotDme(f'expected a value, found {word!r} in {text!r:.80}')
         else:
             out.append(word if kind == 'text' else Word(word) if kind == 'word' else
                        float(word) if kind == 'number' else math.nan)
@@ -191,7 +191,7 @@ def _values(tokens: deque[tuple[str, str]], text: str, depth: int) -> tuple[Valu
             break
         tokens.popleft()
         if not tokens:
-            raise NotDme(f'wanted a value after the last comma, got {text!r:.80}')
+            raise NotDme(f'expected a value after the last comma, found {text!r:.80}')
     return tuple(out)
 
 
@@ -203,10 +203,10 @@ def format_value(value: Value) -> str:
         return value
     if isinstance(value, str):
         if '"' in value or not (value.isascii() and value.isprintable()):
-            raise NotDme(f'wanted a text of printable ASCII without quotes, got {value!r:.80}')
+            raise NotDme(f'expected a text of printable ASCII without quotes, found {value!r:.80}')
         return f'"{value}"'
     if not math.isfinite(value):
-        raise NotDme(f'wanted a finite number, got {value}')
+        raise NotDme(f'expected a finite number, found {value}')
     return f'{round(value, 9) + 0.0:.9f}'.rstrip('0').rstrip('.')  # + 0.0: never -0
 
 
@@ -221,7 +221,7 @@ def named(values: Iterable[Value], name: str) -> tuple[Value, ...] | None:
     Raises NotDme where the name is there more than once, and not with the same values."""
     found = [value for value in values if isinstance(value, Call) and value.name == name]
     if any(one != found[0] for one in found):
-        raise NotDme(f'wanted one {name}(...), got {shown(found)}')
+        raise NotDme(f'expected one {name}(...), found {shown(found)}')
     return found[0].values if found else None
 
 
@@ -233,7 +233,8 @@ def numbers(values: Sequence[Value], name: str, count: int = 1) -> tuple[float, 
     except NotDme as error:
         raise NotDme(f'{name}: {error}') from None
     if found is None or len(made) != count:
-        raise NotDme(f'wanted {name}(...) with {count} numbers, got {shown(values)}{_COMMA * (len(made) == 2 * count)}')
+        raise NotDme(f'expected {name}(...) with {count} numbers, found '
+                     f'{shown(values)}{_COMMA * (len(made) == 2 * count)}')
     return made
 
 
@@ -242,7 +243,7 @@ def number(value: Value) -> float:
     made = _as_float(value) if isinstance(value, float | int | str) else math.nan
     if not math.isfinite(made):
         has_comma = isinstance(value, str) and math.isfinite(_as_float(value.replace(',', '.')))
-        raise NotDme(f'wanted a finite number, got {shown([value])}{_COMMA * has_comma}')
+        raise NotDme(f'expected a finite number, found {shown([value])}{_COMMA * has_comma}')
     return made
 
 
@@ -269,9 +270,9 @@ def error_of(response: Response) -> DmeError:
     """Return the error in a response of the kind ERROR; raises NotDme where it does not say one."""
     found = named(response.values, 'Error')
     if found is None or len(found) < 2:
-        raise NotDme(f'wanted Error(severity, number, method, text), got {shown(response.values)}')
+        raise NotDme(f'expected Error(severity, number, method, text), found {shown(response.values)}')
     severity, code = (number(value) for value in found[:2])
     if severity not in (0, 1, 2, 3, 9) or code not in range(10000):
-        raise NotDme(f'wanted a severity 0-3 or 9 and a number 0000-9999, got {shown(found[:2])}')
+        raise NotDme(f'expected a severity 0-3 or 9 and a number 0000-9999, found {shown(found[:2])}')
     method, words = (*map(text, found[2:4]), '', '')[:2]
     return DmeError(int(severity), int(code), method, words)

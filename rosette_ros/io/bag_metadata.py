@@ -168,10 +168,10 @@ def write_bag_metadata(directory: Path, mapping: Mapping[str, Any], is_first: bo
     replace_file(directory / FILE_NAME, bag_text({TOP_KEY: mapping}).encode(), force=not is_first)
 
 
-_OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
-           b'#ROSBAG V': 'is a bag of ROS 1; wanted MCAP: convert it with `rosbags-convert --src BAG --dst FOLDER '
+_OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; expected MCAP: convert it with `ros2 bag convert`',
+           b'#ROSBAG V': 'is a bag of ROS 1; expected MCAP: convert it with `rosbags-convert --src BAG --dst FOLDER '
                          '--dst-storage mcap` (pip install rosbags)',
-           b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it'}
+           b'PK\x03\x04': 'is a workbook or an archive; expected a table: save it as CSV, UTF-8, or unpack it'}
 _PACKED = b'\x28\xb5\x2f\xfd'  # zstd
 _UNPACK = ((b'\x1f\x8b', 0, 'gzip -dk'), (b'\xfd7zXZ\0', 0, 'xz -dk'), (b'BZh', 0, 'bzip2 -dk'),
            (b'ustar', 257, 'tar -xf'))
@@ -272,15 +272,16 @@ def read_bag_metadata(path: Path) -> BagListing:
                     for entry in bag.get('files') or ()}
     except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
-            f'{path}: wanted a rosbag2 description with {TOP_KEY} and relative_file_paths, got '
+            f'{path}: expected a rosbag2 description with {TOP_KEY} and relative_file_paths, found '
             'another text; give the .mcap file itself, or delete metadata.yaml') from error
     if storage != 'mcap':
-        raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; convert the log with '
+        raise InvalidData(f'{path}: storage_identifier: expected mcap, found {storage!r:.80}; convert the log with '
                           '`ros2 bag convert`')
     is_list = isinstance(names, list) and all(isinstance(name, str) for name in names)
     names = list(map(_bare, names)) if is_list else names
     if not (is_list and names and all(names) and not {'.', '..'} & {*names} and len({*names}) == len(names)):
-        raise InvalidData(f'{path}: relative_file_paths: wanted names of files in the same folder, got {names!r:.200}; '
+        raise InvalidData(f'{path}: relative_file_paths: expected names of files in the same folder, found '
+                          f'{names!r:.200}; '
                           'each is named once')
     files = tuple(path.parent / name.removesuffix('.zstd') for name in names)  # as they are when unpacked
     for file in files:

@@ -164,7 +164,8 @@ def _to_table_frame(table: CsvTable, places: Floats) -> Floats:
     table.centre = frame.to_inner(table.centre)
     axis = frame.rotation[:, 2]
     if table.rotation is not None and (off := np.arccos(np.clip(table.rotation[:, 2] @ axis, -1, 1))) > ALONG:
-        raise InvalidData(f'{table.source}: table_axis: wanted {words(axis)}, about which the ball centres turn, got '
+        raise InvalidData(f'{table.source}: table_axis: expected {words(axis)}, about which the ball centres turn, '
+                          f'found '
                           f'{words(table.rotation[:, 2])}, {np.rad2deg(off):.0f} deg off; correct it, or '
                           'leave it out')
     table.rotation = frame.rotation
@@ -194,10 +195,11 @@ def _checked_plate(table: CsvTable) -> tuple[Plate, int]:
     """Return the plate that a table names, and the steps of its table; raises InvalidData where they do not fit it."""
     plate, positions = plate_of_table(table.plate, table.source), table.positions
     if positions is None or not 1 <= positions <= MOST_POSITIONS:
-        raise InvalidData(f'{table.source}: wanted "# table_positions: ...", how many equal steps a turn of the table '
-                          f'has (at most {MOST_POSITIONS}), got {"none" if positions is None else positions}')
+        raise InvalidData(f'{table.source}: expected "# table_positions: ...", how many equal steps a turn of the '
+                          f'table '
+                          f'has (at most {MOST_POSITIONS}), found {"none" if positions is None else positions}')
     if table.balls not in (None, plate.balls):
-        raise InvalidData(f'{table.source}: balls: wanted {plate.balls}, as the plate file {table.plate} has, got '
+        raise InvalidData(f'{table.source}: balls: expected {plate.balls}, as the plate file {table.plate} has, found '
                           f'{table.balls}')
     for name, index, most in (('table_position', table.table_position, positions), ('ball', table.ball, plate.balls)):
         for row in np.flatnonzero((index < 1) | (index > most)):
@@ -230,12 +232,13 @@ def _find_balls(table: CsvTable) -> int:
             f'as many table positions as balls are measured; if some are missing, say so by "# balls: {last[larger]}"')
     n = last[larger] if table.balls is None else table.balls
     if not 3 <= n <= MAX_BALLS:
-        raise InvalidData(f'{table.source}: wanted 3 to {MAX_BALLS} balls, got {n}')
+        raise InvalidData(f'{table.source}: expected 3 to {MAX_BALLS} balls, found {n}')
     for name, index in indices.items():
         for row in np.flatnonzero(index > n):
             raise table.wrong(row, name, f'1..{n}', index[row], f'the heading says "# balls: {n}"')
     if last[larger] < n and np.unique(table.table_position * (n + 1) + table.ball).size == last[larger]**2:
-        raise InvalidData(f'{table.source}: wanted a run with {n} balls, as the heading says ("# balls: {n}"), got a '
+        raise InvalidData(f'{table.source}: expected a run with {n} balls, as the heading says ("# balls: {n}"), '
+                          f'found a '
                           f'complete one with {last[larger]}; correct the heading')
     return n
 
@@ -256,7 +259,7 @@ def _check_order(table: CsvTable) -> None:
     for again in np.flatnonzero((np.diff(i[order]) == 0) & (np.diff(j[order]) == 0)) if not table.repeats else ():
         first, second = order[again], order[again + 1]
         raise InvalidData(
-            f'{table.source}: line {table.lines[second]}: wanted each pair of table position and ball once, got '
+            f'{table.source}: line {table.lines[second]}: expected each pair of table position and ball once, found '
             f'table_position {i[second]}, ball {j[second]} again (first in line {table.lines[first]}); remove one, or '
             'say "# repeated_balls: yes"')
 
@@ -326,14 +329,14 @@ def _check_units(table: CsvTable, places: Floats, stated: str) -> None:
     unit, factor = _unit(wanted / lies if lies else 0.0)
     if unit and (RADII[0] <= 1e-3 * radius <= RADII[1] or unit in ('cm', 'inch')):
         raise InvalidData(
-            f'{table.source}: columns x_mm, y_mm, z_mm: wanted ball centres on a circle of R = {radius:.6g} mm, as '
-            f'{stated} says, got R = {radius * lies / wanted:.4g}; these are {unit}, of {factor:g} mm: name the '
+            f'{table.source}: columns x_mm, y_mm, z_mm: expected ball centres on a circle of R = {radius:.6g} mm, as '
+            f'{stated} says, found R = {radius * lies / wanted:.4g}; these are {unit}, of {factor:g} mm: name the '
             f'columns x_{unit}, y_{unit}, z_{unit}, or write millimetres')
     unit, factor = _unit(lies / wanted if wanted else 0.0)
     if unit:
         raise InvalidData(
-            f'{table.source}: {stated}: wanted about {radius * lies / wanted:.4g} mm, as far as the ball centres lie '
-            f'from the axis, got {radius:.6g}; this is {unit}, of {factor:g} mm: write '
+            f'{table.source}: {stated}: expected about {radius * lies / wanted:.4g} mm, as far as the ball centres lie '
+            f'from the axis, found {radius:.6g}; this is {unit}, of {factor:g} mm: write '
             f'{f"radius_{unit}, or " * (stated == "radius_mm")}millimetres')
 
 

@@ -40,7 +40,8 @@ def environment_of(given: Any, source: str = 'budget inputs') -> Environment | N
     if not given:
         return None
     if more := [section for section, entries in given.items() if section not in ('schema', ENVIRONMENT) and entries]:
-        raise InvalidData(f'{source}: wanted the section {ENVIRONMENT} only with several runs as one, got {more[0]}; '
+        raise InvalidData(f'{source}: expected the section {ENVIRONMENT} only with several runs as one, found '
+                          f'{more[0]}; '
                           'leave it out')
     return budget_inputs(given, source).environment
 
@@ -69,7 +70,7 @@ def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
         if section == 'schema' or entries is None:
             continue
         if not isinstance(entries, dict):
-            raise InvalidData(f'{where}: wanted a mapping, got {entries!r:.80}')
+            raise InvalidData(f'{where}: expected a mapping, found {entries!r:.80}')
         if section == BOUNDS:
             known_keys(entries, EFFECTS, where, InvalidData)
             bounds = {name: 1e-6 * _number(size, Entry(''), f'{where}: {name}')
@@ -84,11 +85,11 @@ def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
                            for name, one in known.items() if entries.get(name) is not None}
         lacking = [name for name, one in known.items() if one.default is None and name not in values[section]]
         if lacking:
-            raise InvalidData(f'{where}: wanted {lacking[0]} ({known[lacking[0]].words}), got none')
+            raise InvalidData(f'{where}: expected {lacking[0]} ({known[lacking[0]].words}), found none')
         if entries.get('dof') is not None:
             dof[section] = _number(entries['dof'], Entry(''), f'{where}: dof')
             if dof[section] < 1:
-                raise InvalidData(f'{where}: dof: wanted 1 or more degrees of freedom, got {dof[section]:g}')
+                raise InvalidData(f'{where}: dof: expected 1 or more degrees of freedom, found {dof[section]:g}')
         if entries.get('words') is not None:
             words[section] = _text(entries['words'], f'{where}: words')
     return BudgetInputs(values, words, dof, bounds, environment)
@@ -101,14 +102,15 @@ def _environment(entries: dict[str, Any], where: str) -> Environment:
     if name is not None and (not isinstance(name, str) or name not in CLASSES):
         raise InvalidData(f'{where}: class: {unknown(f"{name!s:.40}", CLASSES)}')
     if not isinstance(single, dict):
-        raise InvalidData(f'{where}: {EFFECTS_OF}: wanted a mapping, got {single!r:.80}')
+        raise InvalidData(f'{where}: {EFFECTS_OF}: expected a mapping, found {single!r:.80}')
     known_keys(single, EFFECTS, f'{where}: {EFFECTS_OF}', InvalidData)
     own = {kind: _size(entries[kind], KINDS[kind].unit, f'{where}: {kind}') for kind in KINDS
            if entries.get(kind) is not None}
     effects = {one: _size(size, 'um', f'{where}: {EFFECTS_OF}: {one}') for one, size in single.items()}
     if name is None:
         if not (own or effects):
-            raise InvalidData(f'{where}: wanted a class ({", ".join(CLASSES)}) or some of {", ".join(KINDS)}, got none')
+            raise InvalidData(f'{where}: expected a class ({", ".join(CLASSES)}) or some of {", ".join(KINDS)}, found '
+                              f'none')
         return Environment(sizes=own, effects=effects)
     changed = f'{name}, with numbers of the cell' if own or effects else name
     return Environment(changed, {**CLASSES[name].sizes, **own}, effects)
@@ -116,7 +118,7 @@ def _environment(entries: dict[str, Any], where: str) -> Environment:
 
 def _size(given: object, unit: str, where: str) -> Size:
     if not isinstance(given, dict):
-        raise InvalidData(f"{where}: wanted {{{unit}: 0.3, words: 'whence it is'}}, got {given!r:.40}")
+        raise InvalidData(f"{where}: expected {{{unit}: 0.3, words: 'whence it is'}}, found {given!r:.40}")
     known_keys(given, (unit, 'words'), where, InvalidData)
     return Size(1e-6 * _number(given.get(unit), Entry(''), f'{where}: {unit}'),
                 _text(given.get('words'), f'{where}: words'))
@@ -124,14 +126,14 @@ def _size(given: object, unit: str, where: str) -> Size:
 
 def _number(value: object, entry: Entry, where: str) -> float:
     if not is_number(value) or (value < 0 and not entry.signed):
-        raise InvalidData(f'{where}: wanted a {"" if entry.signed else "positive "}number, got {value!r:.40}')
+        raise InvalidData(f'{where}: expected a {"" if entry.signed else "positive "}number, found {value!r:.40}')
     if entry.chosen and value not in entry.chosen:
-        raise InvalidData(f'{where}: wanted one of {", ".join(map(str, entry.chosen))}, got {value!r:.40}')
+        raise InvalidData(f'{where}: expected one of {", ".join(map(str, entry.chosen))}, found {value!r:.40}')
     return float(value)
 
 
 def _text(value: object, where: str) -> str:
     text = ' '.join(value.split()) if isinstance(value, str) else ''
     if not text or len(text) > LONGEST or not text.isprintable():
-        raise InvalidData(f'{where}: wanted a text of at most {LONGEST} characters, got {value!r:.40}')
+        raise InvalidData(f'{where}: expected a text of at most {LONGEST} characters, found {value!r:.40}')
     return text

@@ -110,7 +110,8 @@ class ColumnMap:
             for key in signs & texts.keys():
                 texts[key] = texts[key].removeprefix('-') if texts[key].startswith('-') else f'-{texts[key]}'
         if rows and not found:
-            raise InvalidData(f'{source}: line {rows[0][0]}: wanted names such as {self.pattern!r}, got {last!r:.80}; '
+            raise InvalidData(f'{source}: line {rows[0][0]}: expected names such as {self.pattern!r}, found '
+                              f'{last!r:.80}; '
                               '{ball}, {table}, {angle} and {axis} in the pattern stand for what changes, * for any '
                               'text')
         return found, other
@@ -142,20 +143,20 @@ def column_map(given: str | dict[str, str], columns: Iterable[str], heading: Ite
         parts, source = [part.partition('=') for part in given.split(',')], '--columns'
         entries = {key.strip(): value.strip() for key, _, value in parts}
         if bad := next((''.join(part) for part in parts if not (part[0].strip() and part[2].strip())), ''):
-            raise InvalidData(f'--columns: wanted quantity=column,..., got {bad!r:.80}')
+            raise InvalidData(f'--columns: expected quantity=column,..., found {bad!r:.80}')
         if len(entries) < len(parts):
-            raise InvalidData(f'--columns: wanted each quantity once, got {given!r:.200}')
+            raise InvalidData(f'--columns: expected each quantity once, found {given!r:.200}')
     known = {*_CALLED, *SOURCES, *columns, *heading}
     for key in entries:
         if key not in known and key.rpartition('_')[0] not in (*_AXES, 'time', 'radius'):
             raise InvalidData(f'{source}: {unknown(key, sorted(known))}')
     if len(pattern := entries.get('pattern', '')) > LONGEST:
-        raise InvalidData(f'{source}: pattern: wanted at most {LONGEST} characters, got {len(pattern)}')
+        raise InvalidData(f'{source}: pattern: expected at most {LONGEST} characters, found {len(pattern)}')
     inside = re.findall(r'{([^{}]*)}', pattern)
     if wrong := [one for one in inside if one not in NUMBERS]:
         raise InvalidData(f'{source}: pattern: {unknown(wrong[0], sorted(NUMBERS))}')
     if twice := [one for one in NUMBERS if inside.count(one) > 1]:
-        raise InvalidData(f'{source}: pattern: wanted {{{twice[0]}}} once, got {pattern!r:.80}')
+        raise InvalidData(f'{source}: pattern: expected {{{twice[0]}}} once, found {pattern!r:.80}')
     stated = {key: value for key, value in entries.items() if key in heading or key.startswith('radius_')}
     return ColumnMap({key: value for key, value in entries.items() if key not in stated and key != 'pattern'},
                      pattern, stated)

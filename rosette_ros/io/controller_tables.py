@@ -58,11 +58,13 @@ def linuxcnc(correction: Correction, low: float, high: float, step: float, axis:
     least = math.ceil((high - low) / (LINUXCNC_LINES - 1) * 1000) / 1000
     if lines > LINUXCNC_LINES and least > widest:
         raise InvalidConfig(
-            f'correct: wanted at most {LINUXCNC_LINES} lines, which LinuxCNC reads, no farther apart than {widest:g} '
-            f'deg, got a range of {high - low:g} deg; LinuxCNC repeats no table, so narrow MIN_LIMIT and MAX_LIMIT of '
+            f'correct: expected at most {LINUXCNC_LINES} lines, which LinuxCNC reads, no farther apart than {widest:g} '
+            f'deg, found a range of {high - low:g} deg; LinuxCNC repeats no table, so narrow MIN_LIMIT and MAX_LIMIT '
+            f'of '
             f'the axis, and --range, to {math.floor(widest * (LINUXCNC_LINES - 1)):g} deg together')
     if lines > LINUXCNC_LINES:
-        raise InvalidConfig(f'correct: wanted at most {LINUXCNC_LINES} lines, which LinuxCNC reads, got {lines}; take '
+        raise InvalidConfig(f'correct: expected at most {LINUXCNC_LINES} lines, which LinuxCNC reads, found {lines}; '
+                            f'take '
                             f'--step {least:g} to {widest:g}, or a smaller --range')
     nominal = np.append(low + step * np.arange(lines - 1), high)
     trims = [-axis.deviation(correction, nominal, sense) + 0.0 for sense in (1, -1)]
@@ -115,8 +117,8 @@ def heidenhain(correction: Correction, step: float, axis: Axis) -> tuple[str, li
     forward, backward = (axis.deviation(correction, angle, sense) - zero + 0.0 for sense in (1, -1))
     largest = max(np.abs(np.diff(one)).max() for one in (forward, backward))
     if largest > HEIDENHAIN_SLOPE * step:
-        raise InvalidConfig('correct: wanted values of a .COM table that differ by at most '
-                            f'{HEIDENHAIN_SLOPE * step:g} deg from one to the next, got {largest:.3g}; is the table '
+        raise InvalidConfig('correct: expected values of a .COM table that differ by at most '
+                            f'{HEIDENHAIN_SLOPE * step:g} deg from one to the next, found {largest:.3g}; is the table '
                             'measured right?')
     name = f'{axis.name}.COM'
     rows = [f'{place:<6}{at:<+12.4f}{axis.count * back + 0.0:<+14.7f}{axis.count * value + 0.0:+.7f}'
@@ -142,10 +144,12 @@ def fanuc(correction: Correction, step: float, axis: Axis) -> tuple[str, list[st
         if np.abs(steps).max() <= FANUC_STEP:
             break
     else:
-        raise InvalidConfig(f'correct: wanted steps of at most {FANUC_STEP} times {FANUC_TIMES} detection units, got '
+        raise InvalidConfig(f'correct: expected steps of at most {FANUC_STEP} times {FANUC_TIMES} detection units, '
+                            f'found '
                             f'more with {axis.unit:g} deg; take a smaller --step or a larger --detection-unit')
     if not steps.any():
-        raise InvalidConfig(f'correct: wanted a crz of more than half a detection unit, got less than {axis.unit:g} '
+        raise InvalidConfig(f'correct: expected a crz of more than half a detection unit, found less than '
+                            f'{axis.unit:g} '
                             'deg; state that of the controller by --detection-unit')
     lines = [f'N{10000 + place}P{value};' for place, value in enumerate((steps[-1], *steps))]
     last = angle.size - 1
@@ -170,9 +174,10 @@ def _turn(correction: Correction, step: float, most: int, maker: str, axis: Axis
     size, widest = _size_and_widest(correction)
     steps = math.ceil(360 / step - 1e-9)
     if abs(steps * step - 360) > 1e-9 and not (maker == 'HEIDENHAIN' and _is_binary(step)):
-        raise InvalidConfig(f'correct: wanted a --step that divides a turn, got {step:g} deg')
+        raise InvalidConfig(f'correct: expected a --step that divides a turn, found {step:g} deg')
     if steps + 1 > most:
-        raise InvalidConfig(f'correct: wanted at most {most} points, which a table of {maker} holds, got {steps + 1}; '
+        raise InvalidConfig(f'correct: expected at most {most} points, which a table of {maker} holds, found '
+                            f'{steps + 1}; '
                             f'take a --step from {360 / (most - 1):.3g} to {widest:g}')
     angle: Floats = step * np.arange(steps + 1.0)
     _check_lost(correction, angle, step, size, widest, axis)
@@ -206,8 +211,8 @@ def _trial(axis: Axis, angle: Floats, values: Floats) -> str:
 def _size_and_widest(correction: Correction) -> tuple[float, float]:
     """Return the largest crz, rad, and how far apart lines may be that lose little, deg; raises InvalidConfig."""
     if 'crz' not in correction.corrected:
-        raise InvalidConfig('correct: wanted crz among the errors to correct, since a compensation file turns the '
-                            f'table only, got {", ".join(correction.corrected)}')
+        raise InvalidConfig('correct: expected crz among the errors to correct, since a compensation file turns the '
+                            f'table only, found {", ".join(correction.corrected)}')
     turn = np.deg2rad(np.arange(0.0, 360.0, 0.25))
     size = float(max(np.abs(correction.errors(turn, sense)[:, 5]).max() for sense in (1, -1)))
     bound = correction.curvature()[5] / 8
@@ -221,6 +226,7 @@ def _check_lost(correction: Correction, nominal: Floats, step: float, size: floa
                       - axis.deviation(correction, between, sense)).max() for sense in (1, -1))
     factor, unit = SCALES['rad']
     if np.deg2rad(lost) > MOST_LOST * size:
-        raise InvalidConfig(f'correct: wanted lines between which straight lines lose at most {MOST_LOST:.0%} of crz, '
-                            f'got --step {step:g}, which loses {factor * np.deg2rad(lost):.3g} of '
+        raise InvalidConfig(f'correct: expected lines between which straight lines lose at most {MOST_LOST:.0%} of '
+                            f'crz, '
+                            f'found --step {step:g}, which loses {factor * np.deg2rad(lost):.3g} of '
                             f'{factor * size:.3g} {unit}; take --step {widest:g} or less')

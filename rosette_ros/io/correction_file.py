@@ -41,11 +41,11 @@ def read_correction(path: str | Path) -> tuple[Correction, str]:
     known_keys(values, _KEYS, str(path), InvalidData)
     corrected = values.get('corrected', [*CURVES])
     if not isinstance(corrected, list) or not corrected or any(one not in CURVES for one in corrected):
-        raise InvalidData(f'{path}: corrected: wanted a list of {", ".join(CURVES)}, got {corrected!r:.80}')
+        raise InvalidData(f'{path}: corrected: expected a list of {", ".join(CURVES)}, found {corrected!r:.80}')
     for key, kind, words in (('run_id', str, 'a text'), ('table', str, 'a text'),
                              ('simulated', bool, 'true or false')):
         if not isinstance(values.get(key, kind()), kind):
-            raise InvalidData(f'{path}: {key}: wanted {words}, got {values[key]!r:.80}')
+            raise InvalidData(f'{path}: {key}: expected {words}, found {values[key]!r:.80}')
     forward = _motions(values.get('forward'), f'{path}: forward')
     backward = _motions(values['backward'], f'{path}: backward') if 'backward' in values else forward
     try:
@@ -62,16 +62,16 @@ def _lists(motions: ErrorMotions) -> dict[str, list[float]]:
 
 def _motions(values: object, where: str) -> ErrorMotions:
     if not isinstance(values, Mapping) or sorted(map(str, values)) != sorted(_NAMES):
-        raise InvalidData(f'{where}: wanted a mapping of {", ".join(_NAMES)}, got {values!r:.80}')
+        raise InvalidData(f'{where}: expected a mapping of {", ".join(_NAMES)}, found {values!r:.80}')
     columns = []
     for name in _NAMES:
         one = values[name]
         if not isinstance(one, list) or len(one) > MOST_ANGLES or not all(map(is_number, one)):
-            raise InvalidData(f'{where}: {name}: wanted a list of at most {MOST_ANGLES} finite numbers, got '
+            raise InvalidData(f'{where}: {name}: expected a list of at most {MOST_ANGLES} finite numbers, found '
                               f'{one!r:.80}')
         columns.append(one)
     if len({len(one) for one in columns}) > 1:
-        raise InvalidData(f'{where}: wanted as many values of each error as angles, got '
+        raise InvalidData(f'{where}: expected as many values of each error as angles, found '
                           f'{", ".join(f"{name} {len(one)}" for name, one in zip(_NAMES, columns))}')
     return ErrorMotions.from_curves(columns[0], columns[1:7], columns[7:])
 

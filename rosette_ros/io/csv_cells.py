@@ -12,5 +12,5 @@ def cells_of(text: str, source: str, line: int, separator: str = ',', kind: type
     try:
         return next(csv.reader([text], delimiter=separator, strict=True)) if '"' in text else text.split(separator)
     except csv.Error as error:
-        raise kind(f'{source}: line {line}: wanted cells with closed quotes, of at most {csv.field_size_limit()} '
-                   f'characters, got: {error}') from error
+        raise kind(f'{source}: line {line}: expected cells with closed quotes, of at most {csv.field_size_limit()} '
+                   f'characters, found: {error}') from error

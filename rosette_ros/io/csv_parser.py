@@ -163,9 +163,10 @@ class _Sheet:
 
     def _text(self, data: bytes) -> str:
         if not data.strip():
-            raise InvalidData(f'{self.source}: is empty; wanted a table of ball centres, {SCHEMA}')
+            raise InvalidData(f'{self.source}: is empty; expected a table of ball centres, {SCHEMA}')
         if b'\0' in data:
-            raise InvalidData(f'{self.source}: is a binary file, or text in UTF-16; wanted a table of ball centres as '
+            raise InvalidData(f'{self.source}: is a binary file, or text in UTF-16; expected a table of ball centres '
+                              f'as '
                               f'text, {SCHEMA}; save the table as CSV, UTF-8')
         try:
             text = data.decode('utf-8-sig')
@@ -204,7 +205,7 @@ class _Sheet:
         angles = [cell.replace(',', '.') for cell, is_one in zip(texts['table_angle_deg'], is_row)
                   if is_one and cell] if 'table_angle_deg' in texts else []
         if not is_row.any():
-            raise InvalidData(f'{self.source}: wanted rows of ball centres, got none')
+            raise InvalidData(f'{self.source}: expected rows of ball centres, found none')
         return [line for (line, _), is_one in zip(self.rows, is_row) if is_one], columns, angles
 
     def _read_with(self, commas: str) -> list[str]:
@@ -218,7 +219,8 @@ class _Sheet:
         """Find which column is which and return those that are missing; raises InvalidData where one stands twice."""
         taken = []
         if not any(self.names):
-            raise InvalidData(f'{self.source}: wanted a line with the names of the columns ({",".join(COLUMNS)}), got '
+            raise InvalidData(f'{self.source}: expected a line with the names of the columns ({",".join(COLUMNS)}), '
+                              f'found '
                               'none')
         for at, name in enumerate(self.names):
             column, factor = _column(name)
@@ -299,9 +301,9 @@ def _check_all(sheet: _Sheet, heading: Heading, columns_of: ColumnMap | None) ->
         raise wrong(source, sheet.line, '', names, ','.join(sheet.names)[:200], advice)
     if heads:
         got = ','.join(sheet.names)[:200] if missing else 'none'
-        raise InvalidData(f'{source}: wanted {heads}{", " * bool(names)}{names}, got {got}; {advice}')
+        raise InvalidData(f'{source}: expected {heads}{", " * bool(names)}{names}, found {got}; {advice}')
     if not sheet.rows:
-        raise InvalidData(f'{source}: wanted rows of ball centres, got none')
+        raise InvalidData(f'{source}: expected rows of ball centres, found none')
 
 
 def proposal_for(data: bytes, source: str) -> ColumnMap | None:

@@ -91,10 +91,10 @@ class Identity:
         for name, words in self.tolerances.items():
             curve = curves.get(name, name)
             if curve not in CURVES:
-                raise InvalidData(f'{where}: {name}: wanted errors of this table, {", ".join(curves)}, got one of '
+                raise InvalidData(f'{where}: {name}: expected errors of this table, {", ".join(curves)}, found one of '
                                   'another axis; ctx … crz go with any axis')
             if curve in found:
-                raise InvalidData(f'{where}: {name}: wanted each error once, {curve} stands twice')
+                raise InvalidData(f'{where}: {name}: expected each error once, {curve} stands twice')
             found[curve] = _tolerance(words, SI_UNITS[curve] == 'm', f'{where}: {name}')
         return found
 
@@ -115,14 +115,14 @@ def parse_identity(data: bytes, source: str = 'identity') -> Identity:
         if section in NAMED and not isinstance(given, dict):
             given = {'name': given}
         if not isinstance(given, dict):
-            raise InvalidData(f'{source}: {section}: wanted a mapping of {", ".join(SECTIONS[section])}, got '
+            raise InvalidData(f'{source}: {section}: expected a mapping of {", ".join(SECTIONS[section])}, found '
                               f'{given!r:.80}')
         known_keys(given, SECTIONS[section], f'{source}: {section}', InvalidData)
         for name, value in given.items():
             if value is not None and value != '':
                 entries[f'{section}.{name}'] = _entry(section, name, value, f'{source}: {section}.{name}')
     if 'measured.begin' in entries and entries.get('measured.end', '9') < entries['measured.begin']:
-        raise InvalidData(f'{source}: measured: wanted an end after the begin {entries["measured.begin"]}, got '
+        raise InvalidData(f'{source}: measured: expected an end after the begin {entries["measured.begin"]}, found '
                           f'{entries["measured.end"]}')
     return Identity(entries, _tolerances(values.get('tolerances') or {}, f'{source}: tolerances'), source)
 
@@ -155,31 +155,33 @@ def _entry(section: str, name: str, value: object, where: str) -> str:
         if isinstance(value, str):
             with suppress(ValueError):
                 return datetime.date.fromisoformat(value).isoformat()
-        raise InvalidData(f'{where}: wanted a date such as 2026-04-12, got {value!r:.40}')
+        raise InvalidData(f'{where}: expected a date such as 2026-04-12, found {value!r:.40}')
     if not isinstance(value, str):
-        raise InvalidData(f'{where}: wanted a text in quotes, got {value!r:.40}; without them YAML makes another value '
+        raise InvalidData(f'{where}: expected a text in quotes, found {value!r:.40}; without them YAML makes another '
+                          f'value '
                           'of it')
     text = ' '.join(value.split())
     most = LONGEST_REMARKS if name == 'remarks' or section == 'traceability' else LONGEST
     if len(text) > most or not text.isprintable():
-        raise InvalidData(f'{where}: wanted at most {most} printable characters, got {text!r:.60}')
+        raise InvalidData(f'{where}: expected at most {most} printable characters, found {text!r:.60}')
     if name == 'country' and not re.fullmatch('[A-Z]{2}', text):
-        raise InvalidData(f'{where}: wanted two capital letters of ISO 3166-1 such as DE, got {text!r:.40}')
+        raise InvalidData(f'{where}: expected two capital letters of ISO 3166-1 such as DE, found {text!r:.40}')
     if name == 'email' and not re.fullmatch(r'[^@\s]+@[^@\s]+\.[^@\s.]+', text):
-        raise InvalidData(f'{where}: wanted an address such as lab@example.org, got {text!r:.40}')
+        raise InvalidData(f'{where}: expected an address such as lab@example.org, found {text!r:.40}')
     if (section, name) == ('place', 'at') and text not in AT:
-        raise InvalidData(f'{where}: wanted one of {", ".join(AT)}, got {text!r:.40}')
+        raise InvalidData(f'{where}: expected one of {", ".join(AT)}, found {text!r:.40}')
     return text
 
 
 def _tolerances(given: object, where: str) -> dict[str, str]:
     if not isinstance(given, dict):
-        raise InvalidData(f'{where}: wanted a mapping such as "EXC: 1.5 µm", got {given!r:.80}')
+        raise InvalidData(f'{where}: expected a mapping such as "EXC: 1.5 µm", found {given!r:.80}')
     found = {}
     for name, words in given.items():
         is_length = re.fullmatch('ct[xyz]|E[XYZ][ABC]', str(name))
         if not is_length and not re.fullmatch('cr[xyz]|E[ABC][ABC]', str(name)):
-            raise InvalidData(f'{where}: wanted the name of an error such as EXC or ctx, got {name!r:.40}; a C axis '
+            raise InvalidData(f'{where}: expected the name of an error such as EXC or ctx, found {name!r:.40}; a C '
+                              f'axis '
                               'has EXC, EYC, EZC, EAC, EBC, ECC, any axis ctx … crz')
         _tolerance(words, bool(is_length), f'{where}: {name}')
         found[name] = ' '.join(words.split())
@@ -192,6 +194,6 @@ def _tolerance(words: object, is_length: bool, where: str) -> float:
     unit = (_LENGTHS if is_length else _ANGLES).get(''.join(match[2].split())) if match else None
     if not match or not unit or not float(match[1]) > 0:
         comma = '; write a decimal point' if isinstance(words, str) and ',' in words else ''
-        raise InvalidData(f'{where}: wanted a positive {_OF_LENGTH if is_length else _OF_ANGLE}, got {words!r:.40}'
+        raise InvalidData(f'{where}: expected a positive {_OF_LENGTH if is_length else _OF_ANGLE}, found {words!r:.40}'
                           f'{comma}')
     return float(match[1]) * unit

@@ -105,11 +105,11 @@ class Allowance:
     def take(self, expanded: int = 0) -> None:
         """Take bytes of it; raises InvalidData where too little is left."""
         self._bytes -= expanded
-        over = (f'that expands to at most {MAX_EXPANSION} times its size, got a larger one' if self._bytes < 0 else
-                f'that is read within {self._within:.3g} s, got a longer one' if time.thread_time() > self._until
+        over = (f'that expands to at most {MAX_EXPANSION} times its size, found a larger one' if self._bytes < 0 else
+                f'that is read within {self._within:.3g} s, found a longer one' if time.thread_time() > self._until
                 else '')
         if over:
-            raise InvalidData(f'{self._paths[0]}: wanted a log {over}; no cell writes such a log')
+            raise InvalidData(f'{self._paths[0]}: expected a log {over}; no cell writes such a log')
 
 
 class _Bounded(BufferedReader):
@@ -171,7 +171,8 @@ class LogFile:
             try:
                 for record in reader.records:
                     if is_first and not isinstance(record, Header):
-                        raise InvalidData(f'{self.path}: is not an MCAP file: wanted a header record first, none came')
+                        raise InvalidData(f'{self.path}: is not an MCAP file: expected a header record first, none '
+                                          f'came')
                     is_first = False
                     self._allowance.take()
                     yield record
@@ -182,8 +183,9 @@ class LogFile:
                 self._read_summary(stream)
                 place = next((one for one in self._places or () if one >= self._sound), None)
                 if is_first and (place is None or isinstance(error, InvalidMagic)):
-                    raise InvalidData(f'{self.path}: is empty; wanted an MCAP log' if not stream.seek(0, SEEK_END) else
-                                      f'{self.path}: is not an MCAP file: wanted it to begin with {MAGIC!r} and a '
+                    raise InvalidData(f'{self.path}: is empty; expected an MCAP '
+                                      f'log' if not stream.seek(0, SEEK_END) else
+                                      f'{self.path}: is not an MCAP file: expected it to begin with {MAGIC!r} and a '
                                       'header record') from error
                 if place is None:
                     self.truncated = isinstance(error, EndOfFile)
@@ -220,7 +222,8 @@ class LogFile:
             self._note(f'ends in the middle: the writer was killed or the file was cut; read {found} messages of '
                        f'{self.chunks} whole chunks')
         if is_short:
-            self._note(f'wanted {max(stated or 0, self._least)} messages, as its summary or {bag.FILE_NAME} says, got '
+            self._note(f'expected {max(stated or 0, self._least)} messages, as its summary or {bag.FILE_NAME} says, '
+                       f'found '
                        f'{found}; it was damaged')
 
     def _note(self, problem: str) -> None:
@@ -231,7 +234,8 @@ class LogFile:
     def _describe(self, record: McapRecord) -> None:
         """Take a record that is neither message nor chunk."""
         if isinstance(record, Header) and record.profile not in ('ros2', ''):
-            raise InvalidData(f'{self.path}: profile: wanted ros2, got {record.profile!r:.80}; record with ROS 2, or '
+            raise InvalidData(f'{self.path}: profile: expected ros2, found {record.profile!r:.80}; record with ROS 2, '
+                              f'or '
                               'convert the log')
         if isinstance(record, Schema):
             self._schemas[record.id] = record
@@ -278,10 +282,10 @@ class LogFile:
         self.chunks += 1
         wrong, size = f'its {chunk.compression} data', chunk.uncompressed_size
         if chunk.compression not in ('', 'lz4', 'zstd'):
-            raise InvalidData(f'{self.path}: chunk {self.chunks}: compression: wanted none, lz4 or zstd, got '
+            raise InvalidData(f'{self.path}: chunk {self.chunks}: compression: expected none, lz4 or zstd, found '
                               f'{chunk.compression!r:.80}; decompress the log with `mcap decompress`')
         if size > MAX_RECORD:
-            self._note(f'a chunk that expands to {size} bytes was skipped; wanted at most {MAX_RECORD}')
+            self._note(f'a chunk that expands to {size} bytes was skipped; expected at most {MAX_RECORD}')
             return []
         try:
             data = _uncompressed(chunk.data, chunk.compression, size)
@@ -317,7 +321,7 @@ def find_files(path: str | Path) -> bag.BagListing:
         if path.is_file():
             return bag.BagListing((path,))
         if not path.is_dir():
-            raise InvalidData(f'{path}: wanted a log directory or an .mcap file, got '
+            raise InvalidData(f'{path}: expected a log directory or an .mcap file, found '
                               f'{"a device or a pipe" if path.exists() else "nothing there; check the path"}')
         if parts := _parts_in(path):
             return bag.BagListing(parts)
@@ -326,8 +330,8 @@ def find_files(path: str | Path) -> bag.BagListing:
                 for one in sorted(filter(is_regular, path.iterdir())):
                     with open(one, 'rb') as stream:
                         bag.refuse_other(one, stream.read(512))
-                raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
-            raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
+                raise InvalidData(f'{path}: expected a log directory with .mcap files, found none in it')
+            raise InvalidData(f'{path}: expected a run, found a folder of {len(inside)}: '
                               f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
         if packed := bag.packed_in(path):
             raise bag.packed_error(packed)
@@ -444,6 +448,6 @@ def decoded(message: LoggedMessage) -> SimpleNamespace:
     """Return the fields of a message; raises InvalidData where it cannot be decoded."""
     channel = message.channel
     if channel.message_encoding != 'cdr' or channel.schema_encoding != 'ros2msg':
-        raise InvalidData(f'wanted messages in cdr with a schema in ros2msg, got {channel.message_encoding!r} and '
+        raise InvalidData(f'expected messages in cdr with a schema in ros2msg, found {channel.message_encoding!r} and '
                           f'{channel.schema_encoding!r}')
     return message_decoder(channel.type_name, channel.schema_text)(message.data)

@@ -80,15 +80,15 @@ def check_version(type_name: str, schema_text: str, message: SimpleNamespace) ->
     try:
         stamp = message.header.stamp
         if {type(stamp.sec), type(stamp.nanosec)} != {int} or {'sec', 'nanosec'} & {*wide}:
-            raise InvalidData(f'header.stamp: wanted whole numbers of 32 bits, the log has others; {advice}')
+            raise InvalidData(f'header.stamp: expected whole numbers of 32 bits, the log has others; {advice}')
         record = RECORDS[type_name](message)
     except AttributeError as error:
-        raise InvalidData(f'wanted the field {error.name}, the log has {fields}; {advice}') from error
+        raise InvalidData(f'expected the field {error.name}, the log has {fields}; {advice}') from error
     for name, wanted in type(record).__annotations__.items():
         value = getattr(record, name)
         for one, kind in zip(value, (float,) * 3) if isinstance(value, tuple) else ((value, wanted),):
             if type(one) not in ((int, float) if kind is float else (kind,)) or (kind is int and name in wide):
-                raise InvalidData(f'{name}: wanted {_KINDS[kind]}, the log has {kind_of(one)}; {advice}')
+                raise InvalidData(f'{name}: expected {_KINDS[kind]}, the log has {kind_of(one)}; {advice}')
 
 
 @dataclass(eq=False)
@@ -203,13 +203,14 @@ class LogRun:
         Raises InvalidData where there is none, another, or more than one without a choice."""
         present = self.run_ids
         if not present:
-            raise InvalidData(f'{self.path}: {NO_RUN}' if self.targets else f'{self.path}: wanted probe targets '
-                              f'({PROBE_TARGET}), got none beside {len(self.answers)} ball centres; record both')
+            raise InvalidData(f'{self.path}: {NO_RUN}' if self.targets else f'{self.path}: expected probe targets '
+                              f'({PROBE_TARGET}), found none beside {len(self.answers)} ball centres; record both')
         if run_id is None and len(present) > 1:
-            raise InvalidData(f'{self.path}: wanted one run, got {len(present)}: {", ".join(present)}; choose one by '
+            raise InvalidData(f'{self.path}: expected one run, found {len(present)}: {", ".join(present)}; choose one '
+                              f'by '
                               'its run_id')
         if run_id not in (None, *present):
-            raise InvalidData(f'{self.path}: wanted run {run_id!r}, got {", ".join(present)}')
+            raise InvalidData(f'{self.path}: expected run {run_id!r}, found {", ".join(present)}')
         return self.runs[present[0] if run_id is None else run_id]
 
     def identity(self, run_id: str) -> Identity:
@@ -238,7 +239,8 @@ class LogRun:
         source = str(self.path)
         if not any(run.answers for run in self.runs.values()):
             topics = ', '.join(topic.name for topic in self.topics) or 'none'
-            raise InvalidData(f'{source}: wanted ball centres ({BALL_CENTRE}), got none in {self.messages} messages '
+            raise InvalidData(f'{source}: expected ball centres ({BALL_CENTRE}), found none in {self.messages} '
+                              f'messages '
                               f'(topics: {topics}){"".join(f"; {problem}" for problem in self.problems[:1])}')
         run = RunAssembly(self.run(run_id), source).run()
         run = run.replace(remarks=(*self.damage, *run.remarks), simulated=self.simulated)
@@ -249,6 +251,6 @@ class LogRun:
             dof = float(self.custom_data[DOF_KEY]) if DOF_KEY in self.custom_data else None
             x, y, z = map(float, self.custom_data.get(AXES_KEY, '0 0 0').split())
         except ValueError as error:
-            raise InvalidData(f'{source}: custom_data: {REPEATABILITY_KEY}: wanted a number, got '
+            raise InvalidData(f'{source}: custom_data: {REPEATABILITY_KEY}: expected a number, found '
                               f'{self.custom_data[REPEATABILITY_KEY]!r}') from error
         return run.replace(repeatability=sigma, repeatability_dof=dof, repeatability_axes=(x, y, z) if x else None)

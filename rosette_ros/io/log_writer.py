@@ -59,7 +59,8 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
                  flush_interval: float = 1.0, custom_data: Mapping[str, str] | None = None,
                  clock: Callable[[], float] = time.monotonic) -> None:
         if compression not in COMPRESSIONS:
-            raise InvalidConfig(f'compression of the log: wanted one of {", ".join(COMPRESSIONS)}, got {compression!r}')
+            raise InvalidConfig(f'compression of the log: expected one of {", ".join(COMPRESSIONS)}, found '
+                                f'{compression!r}')
         self.directory, self.name = Path(directory), name
         self._compression, self._chunk_size = COMPRESSIONS[compression], chunk_size
         self._flush_interval, self._clock = flush_interval, clock
@@ -187,7 +188,8 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
             present = sorted(path.name for path in self.directory.iterdir()
                              if path.suffix == '.mcap' or path.name == bag.FILE_NAME)
         except OSError as error:
-            raise InvalidData(f'{self.directory}: wanted a folder for the log, got {error.strerror}; choose another '
+            raise InvalidData(f'{self.directory}: expected a folder for the log, found {error.strerror}; choose '
+                              f'another '
                               'log folder') from error
         if present:
             raise self._taken(present[0])

@@ -45,25 +45,25 @@ def message_decoder(type_name: str, schema_text: str) -> Callable[[bytes], Simpl
     if not schema_text.strip():
         raise InvalidData(f'the log has no definition of {type_name}; record it where its package is installed')
     if len(schema_text) > MAX_SCHEMA:
-        raise InvalidData(f'schema of {type_name}: wanted at most {MAX_SCHEMA} bytes, got {len(schema_text)}')
+        raise InvalidData(f'schema of {type_name}: expected at most {MAX_SCHEMA} bytes, found {len(schema_text)}')
     nested = _NESTED.findall(schema_text)
     most = MAX_STRUCTURES if any(nested) or len(nested) > MOST_NESTED else MAX_MESSAGE
     if (types := len(re.findall('^MSG:', schema_text, re.MULTILINE))) > MOST_NESTED:
-        raise InvalidData(f'schema of {type_name}: wanted at most {MOST_NESTED} types within it, got {types}')
+        raise InvalidData(f'schema of {type_name}: expected at most {MOST_NESTED} types within it, found {types}')
     printed = StringIO()  # the parser of the library prints the line that is wrong
     try:
         with contextlib.redirect_stderr(printed):
             decoder = DecoderFactory().decoder_for('cdr', Schema(1, schema_text.encode(), 'ros2msg', type_name))
     except Exception as error:  # it has many errors of its own and no base of them
-        raise InvalidData(f'schema of {type_name}: wanted a ros2msg definition, got one that is none: '
+        raise InvalidData(f'schema of {type_name}: expected a ros2msg definition, found one that is none: '
                           f'{plain(printed.getvalue() or str(error), 200)}; the log was written wrongly') from error
 
     def decode(data: bytes) -> SimpleNamespace:
         if data[:2] not in (b'\0\0', b'\0\1'):
             got = data[:2].hex(' ') or 'nothing'
-            raise InvalidData(f'{type_name}: wanted CDR (00 00 or 00 01), got {got}')
+            raise InvalidData(f'{type_name}: expected CDR (00 00 or 00 01), found {got}')
         if len(data) > most:
-            raise InvalidData(f'{type_name}: wanted a message of at most {most} bytes, got {len(data)}')
+            raise InvalidData(f'{type_name}: expected a message of at most {most} bytes, found {len(data)}')
         try:
             decoded: SimpleNamespace = decoder(_Payload(data))
             return decoded

@@ -278,7 +278,7 @@ def table_frame_of(message: Any) -> TableFrame | None:
     translation = message.transform.translation
     origin = (translation.x, translation.y, translation.z)
     if not np.isfinite(origin).all():
-        raise InvalidData(f'table frame: translation: wanted finite numbers, got {origin}')
+        raise InvalidData(f'table frame: translation: expected finite numbers, found {origin}')
     quaternion = unit_quaternion(message.transform.rotation, 'table frame: rotation')
     return TableFrame(nanoseconds(message.header.stamp), Frame.from_quaternion(quaternion, origin))
 
@@ -289,7 +289,7 @@ def unit_quaternion(message: Any, where: str) -> Floats:
     with np.errstate(over='ignore', invalid='ignore'):
         size = float(np.sqrt(np.sum(np.square(quaternion))))
     if not abs(size - 1) < UNIT_TOLERANCE:
-        raise InvalidData(f'{where}: wanted a unit quaternion, got the size {size}')
+        raise InvalidData(f'{where}: expected a unit quaternion, found the size {size}')
     return quaternion
 
 

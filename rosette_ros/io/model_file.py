@@ -28,7 +28,7 @@ def parse_entry(text: str, source: str) -> dict[str, Any]:
     Raises InvalidModel, naming `source`, for text that is no mapping or too long."""
     mapping = parse_mapping(text, source, MOST_BYTES, 'tau: 600.0', InvalidModel)
     if not all(isinstance(key, str) for key in mapping):
-        raise InvalidModel(f'{source}: wanted a YAML mapping of names, got {text!r:.80}')
+        raise InvalidModel(f'{source}: expected a YAML mapping of names, found {text!r:.80}')
     return mapping
 
 

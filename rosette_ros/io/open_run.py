@@ -33,11 +33,11 @@ def is_log(path: str | Path) -> bool:
         if path.is_dir():
             return True
         if path.exists() and not path.is_file():
-            raise InvalidData(f'{path}: wanted {WANTED}, got a device or a pipe; write it to a file first')
+            raise InvalidData(f'{path}: expected {WANTED}, found a device or a pipe; write it to a file first')
         with open(path, 'rb') as stream:
             begin = stream.read(512)
     if not begin:
-        raise InvalidData(f'{path}: is empty; wanted {WANTED}')
+        raise InvalidData(f'{path}: is empty; expected {WANTED}')
     if own_reader(path):
         return False
     bag.refuse_other(path, begin)
@@ -108,6 +108,6 @@ def _open(path: str | Path, run_id: str | None, columns_of: ColumnMap | None = N
         return log.to_run(run_id), log
     run = read_own(read, path) if (read := own_reader(path)) else read_csv(path, columns_of)
     if run_id not in (None, run.run_id):
-        raise InvalidData(f'{path}: wanted run {run_id!r}, got {run.run_id!r}')
+        raise InvalidData(f'{path}: expected run {run_id!r}, found {run.run_id!r}')
     # times in an unknown unit are none; a copy of the table keeps them
     return run if is_in_seconds(run.time) else run.replace(time=np.zeros(run.size)), None

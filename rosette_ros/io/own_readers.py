@@ -51,7 +51,7 @@ def run_of_table(table: Any, columns: Columns | None = None, source: str = 'tabl
     seen = getattr(table, 'columns', table)
     names = list(seen) if isinstance(seen, Iterable) else []
     if not names or not all(isinstance(name, str) for name in names):
-        raise InvalidData(f'{source}: wanted a DataFrame, or columns by name, got {type(table).__name__}')
+        raise InvalidData(f'{source}: expected a DataFrame, or columns by name, found {type(table).__name__}')
     given = {key: str(value) for key, value in (columns or {}).items()}
     heading = {key: value for key, value in given.items() if key in KEYS or key.startswith('radius_')}
     mapped = given if len(given) > len(heading) else None
@@ -65,7 +65,7 @@ def run_of_table(table: Any, columns: Columns | None = None, source: str = 'tabl
     data = text.getvalue().encode()
     if not mapped and (proposal := proposal_for(data, source)):
         known = proposal.entries if proposal.is_enough else EXAMPLE
-        raise InvalidData(f'{source}: wanted the columns and the radius of a ball-centre table, got '
+        raise InvalidData(f'{source}: expected the columns and the radius of a ball-centre table, found '
                           f'{",".join(names):.200}; if these are ball centres: columns={known}')
     return parse_csv(data, source, read_columns(mapped))
 

@@ -57,9 +57,9 @@ def parse_plan(data: bytes, source: str) -> MeasuringPlan:
     known_keys(values, _HEAD if columns is not None else (*_HEAD, *_CHOICE), f'{source}: key', InvalidPlan)
     n, radius = values.get('balls'), _number(values.get('radius_mm'), source, 'radius_mm')
     if type(n) is not int or not 3 <= n <= MOST_BALLS:
-        raise InvalidPlan(f'{source}: balls: wanted a whole number in 3..{MOST_BALLS}, got {n!r:.40}')
+        raise InvalidPlan(f'{source}: balls: expected a whole number in 3..{MOST_BALLS}, found {n!r:.40}')
     if not 1 <= radius <= 1e4:
-        raise InvalidPlan(f'{source}: radius_mm: wanted a number in 1..10000, got {radius:g}')
+        raise InvalidPlan(f'{source}: radius_mm: expected a number in 1..10000, found {radius:g}')
     offset = _number(values.get('table_offset_deg', 0.0), source, 'table_offset_deg')
     order = str(values.get('order', OWN_NAME))
     scheme = _of_order(n, values, source) if columns is None else _of_rows(n, order, columns, source)
@@ -88,8 +88,8 @@ def format_plan(made: MeasuringPlan) -> str:
 def _of_order(n: int, values: Mapping[str, Any], source: str) -> Scheme:
     """Return the scheme of an order."""
     if 'order' not in values:
-        raise InvalidPlan(f'{source}: wanted an order, or a table of readings with the columns table_position and '
-                          'ball, got neither')
+        raise InvalidPlan(f'{source}: expected an order, or a table of readings with the columns table_position and '
+                          'ball, found neither')
     seed, touches = (int(_wholes([values.get(name, 0)], source, name, 0, high)[0])
                      for name, high in (('seed', 2**53), ('touches', max(TOUCHES))))
     given = (values.get(name, '') for name in ('cmm_positions', 'balls_in_use'))
@@ -107,13 +107,13 @@ def _of_rows(n: int, order: str, texts: Mapping[str, list[str]], source: str) ->
     """Return the scheme of a table of readings."""
     known_keys(texts, (*_COLUMNS, WAIT), f'{source}: column', InvalidPlan)
     if missing := [name for name in _COLUMNS[:2] if name not in texts]:
-        raise InvalidPlan(f'{source}: wanted the columns table_position and ball, got none named {missing[0]}')
+        raise InvalidPlan(f'{source}: expected the columns table_position and ball, found none named {missing[0]}')
     if not _NAME.fullmatch(order):
-        raise InvalidPlan(f'{source}: order: wanted a name of at most 40 small letters, digits and "_", got '
+        raise InvalidPlan(f'{source}: order: expected a name of at most 40 small letters, digits and "_", found '
                           f'{order!r:.60}')
     size = len(texts['ball'])
     if size > MOST_READINGS:
-        raise InvalidPlan(f'{source}: too large: wanted at most {MOST_READINGS} readings, got {size}')
+        raise InvalidPlan(f'{source}: too large: expected at most {MOST_READINGS} readings, found {size}')
 
     def column(name: str, low: int, high: int, default: int) -> Ints:
         return _wholes(list(map(_value, texts[name])) if name in texts else [default] * size, source, name, low, high)
@@ -121,8 +121,9 @@ def _of_rows(n: int, order: str, texts: Mapping[str, list[str]], source: str) ->
     table, ball = column('table_position', 1, n, 0), column('ball', 1, n, 0)
     session = column('session', 1, size, 1)
     for row in np.flatnonzero(~np.isin(np.diff(session, prepend=1), (0, 1)))[:1]:
-        raise InvalidPlan(f'{source}: row {row + 1}: session: wanted 1 in the first row and one more after each pause, '
-                          f'got {session[row]}')
+        raise InvalidPlan(f'{source}: row {row + 1}: session: expected 1 in the first row and one more after each '
+                          f'pause, '
+                          f'found {session[row]}')
     touches = _checked_touches(column('touches', 0, 1000, 0), source)
     return Scheme(n, order_name(order), 0, table, ball, _senses(n, table, column('approach', -1, 1, 0)), touches,
                   session, wait=_waits(texts.get(WAIT, ['0'] * size), source))
@@ -133,7 +134,7 @@ def _waits(texts: list[str], source: str) -> Floats:
     values = list(map(_value, texts))
     for row, value in enumerate(values, 1):
         if isinstance(value, str) or not 0 <= value <= LONGEST_WAIT:
-            raise InvalidPlan(f'{source}: row {row}: {WAIT}: wanted a number of seconds in 0..{LONGEST_WAIT}, got '
+            raise InvalidPlan(f'{source}: row {row}: {WAIT}: expected a number of seconds in 0..{LONGEST_WAIT}, found '
                               f'{value!r:.40}')
     return np.array(values, dtype=float)
 
@@ -152,16 +153,16 @@ def _senses(n: int, table_position: Ints, approach: Ints) -> Ints:
 def _checked_touches(touches: Ints, source: str) -> Ints:
     for row in np.flatnonzero(~np.isin(touches, (0, *TOUCHES)))[:1]:
         where = f'row {row + 1}: ' if touches.size > 1 else ''
-        raise InvalidPlan(f'{source}: {where}touches: wanted one of {", ".join(map(str, TOUCHES))}, or 0 for '
-                          f'as many as the CMM usually makes, got {touches[row]}')
+        raise InvalidPlan(f'{source}: {where}touches: expected one of {", ".join(map(str, TOUCHES))}, or 0 for '
+                          f'as many as the CMM usually makes, found {touches[row]}')
     return touches
 
 
 def _number(value: Any, source: str, name: str) -> float:
     if value is None:
-        raise InvalidPlan(f'{source}: {name}: wanted a number, but it is missing')
+        raise InvalidPlan(f'{source}: {name}: expected a number, but it is missing')
     if not is_number(value):
-        raise InvalidPlan(f'{source}: {name}: wanted a finite number, got {value!r:.40}')
+        raise InvalidPlan(f'{source}: {name}: expected a finite number, found {value!r:.40}')
     return float(value)
 
 
@@ -170,7 +171,7 @@ def _wholes(values: list[Any], source: str, name: str, low: int, high: int) -> I
     for row, one in enumerate(values, 1):
         if type(one) is not int or not low <= one <= high:
             where = f'row {row}: ' if len(values) > 1 else ''
-            raise InvalidPlan(f'{source}: {where}{name}: wanted a whole number in {low}..{high}, got {one!r:.40}')
+            raise InvalidPlan(f'{source}: {where}{name}: expected a whole number in {low}..{high}, found {one!r:.40}')
     return np.array(values, dtype=np.int64)
 
 
@@ -182,26 +183,28 @@ def _table(data: bytes, source: str) -> tuple[dict[str, int | float | str], dict
         lines = [(number, line) for number, line in enumerate(data.decode('utf-8-sig').splitlines(), 1)
                  if line.strip(' \t,;')]
     except UnicodeDecodeError as error:
-        raise InvalidPlan(f'{source}: wanted UTF-8 text, got byte {data[error.start]:#04x}') from None
+        raise InvalidPlan(f'{source}: expected UTF-8 text, found byte {data[error.start]:#04x}') from None
     notes = [line.strip('",; \t')[1:].partition(':') for _, line in lines if line.startswith(('#', '"#'))]
     keys = dict[str, int | float | str]()
     for key, text in ((key.strip(), text.strip()) for key, separator, text in notes if separator):
         if key in keys:
-            raise InvalidPlan(f'{source}: wanted the key {key} once, got it again: {text!r:.40}; remove one of them')
+            raise InvalidPlan(f'{source}: expected the key {key} once, found it again: {text!r:.40}; remove one of '
+                              f'them')
         if key in _HEAD:
             keys[key] = _value(text)
         elif near := meant(key, _HEAD):
-            raise InvalidPlan(f'{source}: wanted the key {near}, got {key!r:.80}; correct it')
+            raise InvalidPlan(f'{source}: expected the key {near}, found {key!r:.80}; correct it')
     head, *rows = [cells_of(line, source, number, kind=InvalidPlan) for number, line in lines
                    if not line.startswith(('#', '"#'))] or [[]]
     head = [name.strip() for name in head]
     for number, row in enumerate(rows, 1):
         if len(row) != len(head):
-            raise InvalidPlan(f'{source}: row {number}: wanted {len(head)} cells, {", ".join(head)}, got {len(row)}')
+            raise InvalidPlan(f'{source}: row {number}: expected {len(head)} cells, {", ".join(head)}, found '
+                              f'{len(row)}')
     if len({*head}) < len(head):
-        raise InvalidPlan(f'{source}: wanted each column once, got {", ".join(head)}')
+        raise InvalidPlan(f'{source}: expected each column once, found {", ".join(head)}')
     if not rows:
-        raise InvalidPlan(f'{source}: wanted rows below the columns {", ".join(_COLUMNS)}, got none')
+        raise InvalidPlan(f'{source}: expected rows below the columns {", ".join(_COLUMNS)}, found none')
     return keys, {name: list(column) for name, column in zip(head, zip(*rows))}
 
 

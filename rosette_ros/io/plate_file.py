@@ -33,20 +33,21 @@ def parse_plate(data: bytes, path: str = 'plate') -> Plate:
     known_keys(values, _KEYS, path, InvalidData)
     calibrated = values.get('calibrated', False)
     if not isinstance(calibrated, bool):
-        raise InvalidData(f'{path}: calibrated: wanted true or false, got {calibrated!r:.80}')
+        raise InvalidData(f'{path}: calibrated: expected true or false, found {calibrated!r:.80}')
     azimuth = values.get('azimuth_deg')
     if not isinstance(azimuth, list) or not LEAST_BALLS <= len(azimuth) <= MOST_BALLS:
-        raise InvalidData(f'{path}: azimuth_deg: wanted a list of {LEAST_BALLS} to {MOST_BALLS} angles, one for each '
-                          f'ball, got {azimuth!r:.80}')
+        raise InvalidData(f'{path}: azimuth_deg: expected a list of {LEAST_BALLS} to {MOST_BALLS} angles, one for each '
+                          f'ball, found {azimuth!r:.80}')
     angle, radius, height = (_numbers(values.get(key, 0.0 if key == 'height_mm' else None), len(azimuth),
                                       f'{path}: {key}') for key in _LISTS)
     if radius.min() <= 0:
-        raise InvalidData(f'{path}: radius_mm: wanted positive numbers, got {radius.min():g}')
+        raise InvalidData(f'{path}: radius_mm: expected positive numbers, found {radius.min():g}')
     plate = Plate(np.deg2rad(angle), 1e-3 * radius, 1e-3 * height, calibrated, source=path)
     apart = np.linalg.norm(plate.centres[:, None] - plate.centres, axis=-1) + np.diag(np.full(plate.balls, np.inf))
     one, other = np.unravel_index(np.argmin(apart), apart.shape)
     if apart[one, other] < LEAST_PITCH:
-        raise InvalidData(f'{path}: wanted each ball at a place of its own, got balls {one + 1} and {other + 1} at one')
+        raise InvalidData(f'{path}: expected each ball at a place of its own, found balls {one + 1} and {other + 1} '
+                          f'at one')
     return plate
 
 
@@ -61,7 +62,7 @@ def plate_of_table(name: str, path: str | Path) -> Plate:
     """Return the Plate of the file that a table of ball centres names, which stands beside it; raises InvalidData."""
     file = Path(path).parent / name
     if Path(name).name != name or (file.exists() and not file.is_file()):
-        raise InvalidData(f'{path}: plate: wanted the name of a file beside the table, got {name!r:.80}')
+        raise InvalidData(f'{path}: plate: expected the name of a file beside the table, found {name!r:.80}')
     return read_plate(file)
 
 
@@ -69,8 +70,8 @@ def _numbers(value: object, count: int, where: str) -> Floats:
     """Return a number for each ball, from a list or from one number for all."""
     every = value if isinstance(value, list) else [value] * count
     if len(every) != count:
-        raise InvalidData(f'{where}: wanted a number, or one for each of {count} balls, got {len(every)}')
+        raise InvalidData(f'{where}: expected a number, or one for each of {count} balls, found {len(every)}')
     for number, one in enumerate(every, 1):
         if not is_number(one):
-            raise InvalidData(f'{where}: ball {number}: wanted a finite number, got {one!r:.40}')
+            raise InvalidData(f'{where}: ball {number}: expected a finite number, found {one!r:.40}')
     return np.array(every, dtype=float)

@@ -199,12 +199,12 @@ class RunAnswers:
     def lacking(self, expected: int) -> str:
         """Return what an evaluation with so many answered targets lacks, '' where nothing."""
         if self.answered < expected or not any(target.phase == Phase.RUN for target in self.targets):
-            return (f'wanted {expected} targets with answers, got {len(self._last)} targets and answers to '
+            return (f'expected {expected} targets with answers, found {len(self._last)} targets and answers to '
                     f'{self.answered} of them')
         begun = {(one.session, one.phase == Phase.RUN): one.stamp_ns for one in reversed(self.targets)}
         if not (self.is_in_table_frame or any(begin <= one.stamp_ns <= begun.get((session, True), 2**63)
                                               for one in self.frames for (session, _), begin in begun.items())):
-            return 'wanted the table frame on /tf_static, got none for this run'
+            return 'expected the table frame on /tf_static, found none for this run'
         return ''
 
     def own_frames(self) -> list[TableFrame]:

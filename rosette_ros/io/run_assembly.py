@@ -23,7 +23,7 @@ from rosette_ros.io.run_answers import RunAnswers
 
 MAX_BALLS = 10_000  # more balls than this are taken for a mistake
 MIN_REPEATABILITY = 1e-12  # repeated readings that differ by less, m, show rounding and not repeatability
-NO_RUN = 'wanted probe targets of phase RUN, got none; the calibration ended before its run began'
+NO_RUN = 'expected probe targets of phase RUN, found none; the calibration ended before its run began'
 LEAST_TAUGHT, FARTHEST, SAME_PLACE = 6, 1e3, 1e-6
 """The taught pose follows from so many targets of the alignment, less far than this, m, and exact to this, m."""
 SAME_OFFSET = 1e-9
@@ -90,7 +90,7 @@ class RunAssembly:
             if begin <= stamp <= end and not any(np.abs(numbers - one).max() <= SAME_FRAME for one in different):
                 different.append(numbers)
         if len(different) > 1:
-            raise InvalidData(f'{self.source}: wanted one table frame for run {self.answers.run_id}, got '
+            raise InvalidData(f'{self.source}: expected one table frame for run {self.answers.run_id}, found '
                               f'{len(different)} that differ; two cells share /tf_static? give each its namespace '
                               'or domain')
 
@@ -143,7 +143,8 @@ class RunAssembly:
         pairs = [pair for pair in self.answers.counting() if pair[0].phase == Phase.RUN]
         if not pairs:
             unused = ', '.join(f'{count} {reason}' for reason, count in self.answers.unused().items() if count)
-            raise InvalidData(f'{self.source}: wanted ball centres of run {self.answers.run_id!r}, got none that counts'
+            raise InvalidData(f'{self.source}: expected ball centres of run {self.answers.run_id!r}, found none that '
+                              f'counts'
                               f'{f" ({unused})" * bool(unused)}')
         pairs.sort(key=lambda pair: (pair[0].session, pair[1].stamp_ns, pair[1].seq))
         targets, answers = [target for target, _ in pairs], [answer for _, answer in pairs]
@@ -160,8 +161,9 @@ class RunAssembly:
         for row in misplaced(n, radius, table_position, ball, centre) if n >= 3 and radius > 0 else ():
             i, j, got = table_position[row], ball[row], ', '.join(f'{1e3 * value:.6g}' for value in centre[row])
             x, y, _ = 1e3 * nominal_places(n, radius, i, j)
-            raise InvalidData(f'{self.source}: ball centre with seq {answers[row].seq}: wanted a place near ({x:.3f}, '
-                              f'{y:.3f}, 0) mm in the table frame for table position {i}, ball {j}, got ({got}); was '
+            raise InvalidData(f'{self.source}: ball centre with seq {answers[row].seq}: expected a place near '
+                              f'({x:.3f}, '
+                              f'{y:.3f}, 0) mm in the table frame for table position {i}, ball {j}, found ({got}); was '
                               'another ball measured, or is the table frame wrong?')
         sigma, dof = self.repeatability()
         run = Run(
@@ -210,8 +212,8 @@ class RunAssembly:
         if not np.ptp(offsets) < SAME_OFFSET:
             got = ', '.join(f'{np.rad2deg(one.table_angle):.6g} for position {one.table_position}'
                             for one in targets[:5])
-            raise InvalidData(f'{self._where}: table_angle: wanted targets at steps of 360 deg / {targets[0].balls}, '
-                              f'got {got}')
+            raise InvalidData(f'{self._where}: table_angle: expected targets at steps of 360 deg / {targets[0].balls}, '
+                              f'found {got}')
         return float(offsets.min())
 
     def _plate(self) -> tuple[int, float]:
@@ -222,11 +224,11 @@ class RunAssembly:
         for name in ('balls', 'radius'):
             values = np.unique([getattr(target, name) for target in run])
             if values.size > 1:
-                raise InvalidData(f'{self._where}: {name}: wanted one value in all targets, got '
+                raise InvalidData(f'{self._where}: {name}: expected one value in all targets, found '
                                   f'{", ".join(f"{value:g}" for value in values[:5])}')
         n, radius = run[0].balls, float(run[0].radius)
         if n > MAX_BALLS:
-            raise InvalidData(f'{self._where}: balls: wanted at most {MAX_BALLS}, got {n}')
+            raise InvalidData(f'{self._where}: balls: expected at most {MAX_BALLS}, found {n}')
         return n, radius
 
     def _in_table_frame(self, answers: Sequence[Answer]) -> Floats:
@@ -236,8 +238,9 @@ class RunAssembly:
             return centre
         frame = self.frame()
         if frame is None:
-            raise InvalidData(f'{self.source}: wanted a transform from {MACHINE_FRAME} to {TABLE_FRAME} on /tf_static, '
-                              'got none; without it the table axis is unknown')
+            raise InvalidData(f'{self.source}: expected a transform from {MACHINE_FRAME} to {TABLE_FRAME} on '
+                              f'/tf_static, '
+                              'found none; without it the table axis is unknown')
         with np.errstate(over='ignore', invalid='ignore'):  # absurd numbers are refused by their place
             return frame.to_inner(centre)
 

@@ -34,7 +34,7 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary | StoredType
     the disk refuses; nothing is left then."""
     directory = Path(directory)
     if (run.begun or 0.0) + run.time[-1] - run.time[0] >= MAX_SECONDS:
-        raise InvalidData(f'{run.source}: time: wanted a run of less than {MAX_SECONDS} s, got '
+        raise InvalidData(f'{run.source}: time: expected a run of less than {MAX_SECONDS} s, found '
                           f'{run.time[-1] - run.time[0]:g} s; a ROS stamp cannot hold more')
     stamp = round((run.begun or 0.0) * 1e9) + np.rint((run.time - run.time[0]) * 1e9).astype(np.int64)
     targets, answers = zip(*_messages(run, run.run_id or directory.name, stamp), strict=True)

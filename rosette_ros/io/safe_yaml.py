@@ -66,14 +66,14 @@ def parse_yaml(data: bytes, source: str, kind: type[RosetteError]) -> Any:
         return load_plain(data.decode('utf-8-sig'))
     except UnicodeDecodeError as error:
         at = error.start
-        raise kind(f'{source}: wanted UTF-8 text, got byte {data[at]:#04x} at position {at}') from None
+        raise kind(f'{source}: expected UTF-8 text, found byte {data[at]:#04x} at position {at}') from None
     except NotPlain as error:
         raise kind(f'{source}: {error}') from None
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         place = f'line {mark.line + 1}, column {mark.column + 1}: ' if mark else ''
         problem = getattr(error, 'problem', None) or ' '.join(str(error).split())
-        raise kind(f'{source}: wanted YAML, got text that is none: {place}{problem}') from None
+        raise kind(f'{source}: expected YAML, found text that is none: {place}{problem}') from None
 
 
 def of_schema(values: Any, schema: str, source: str, kind: type[RosetteError], wanted: str = 'a mapping') -> Any:
@@ -81,7 +81,7 @@ def of_schema(values: Any, schema: str, source: str, kind: type[RosetteError], w
     if not isinstance(values, dict) or values.get('schema') != schema:
         got = 'nothing' if values is None else f'{values!r:.80}'
         add = '; add that line' if isinstance(values, dict) and 'schema' not in values else ''
-        raise kind(f'{source}: wanted {wanted} with "schema: {schema}", got {got}{add}')
+        raise kind(f'{source}: expected {wanted} with "schema: {schema}", found {got}{add}')
     return values
 
 
@@ -95,10 +95,10 @@ def known_keys(names: Iterable[object], known: Collection[str], where: str, kind
 def parse_mapping(text: str, source: str, most: int, example: str, kind: type[RosetteError]) -> dict[Any, Any]:
     """Return the YAML mapping in a text of at most `most` characters, {} for an empty one; raises as parse_yaml."""
     if len(text) > most:
-        raise kind(f'{source}: wanted at most {most} characters, got {len(text)}')
+        raise kind(f'{source}: expected at most {most} characters, found {len(text)}')
     mapping = parse_yaml(text.encode(errors='replace'), source, kind)
     if not isinstance(mapping, (dict, type(None))):
-        raise kind(f'{source}: wanted a YAML mapping such as "{example}", got {text!r:.80}')
+        raise kind(f'{source}: expected a YAML mapping such as "{example}", found {text!r:.80}')
     return mapping or {}
 
 
@@ -111,10 +111,11 @@ def load_plain(text: str) -> Any:
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if isinstance(event, yaml.AliasEvent):
-                raise NotPlain(f'line {line}: wanted plain YAML, got an alias (*name); write it out')
+                raise NotPlain(f'line {line}: expected plain YAML, found an alias (*name); write it out')
             if depth > DEEPEST:
-                raise NotPlain(f'line {line}: wanted at most {DEEPEST} levels of nesting, got more')
+                raise NotPlain(f'line {line}: expected at most {DEEPEST} levels of nesting, found more')
         return yaml.load(text, Loader=_Loader)
     except BAD_VALUE as error:
-        raise NotPlain('wanted YAML values, got one that is none, such as a date that does not exist; write a text in '
+        raise NotPlain('expected YAML values, found one that is none, such as a date that does not exist; write a '
+                       'text in '
                        'quotes') from error

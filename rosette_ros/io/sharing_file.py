@@ -29,9 +29,9 @@ def read_sharing(path: str | Path | None, runs: int) -> dict[str, Any]:
         elif key in PARTS:
             declared[key] = _names(value, runs, f'{path}: {key}')
         elif key == 'seat' and value not in tuple(SEATS):  # also of what cannot be a key
-            raise InvalidData(f'{path}: seat: wanted one of {", ".join(SEATS)}, got {value!r:.80}')
+            raise InvalidData(f'{path}: seat: expected one of {", ".join(SEATS)}, found {value!r:.80}')
         elif key == 'by_sense' and not isinstance(value, bool):
-            raise InvalidData(f'{path}: by_sense: wanted true or false, got {value!r:.80}')
+            raise InvalidData(f'{path}: by_sense: expected true or false, found {value!r:.80}')
         elif key in ('seat', 'by_sense'):
             declared[key] = value
         elif key == 'plate_turned_deg':
@@ -44,11 +44,12 @@ def _names(value: object, runs: int, where: str) -> tuple[str, ...]:
         return ('1',) * runs if value == 'shared' else apart(runs)
     if isinstance(value, list) and len(value) == runs and all(type(one) in (str, int) for one in value):
         return tuple(map(str, value))
-    raise InvalidData(f'{where}: wanted shared, separate, or a name for each of {runs} runs such as '
-                      f'[{", ".join(apart(runs))}], got {value!r:.80}')
+    raise InvalidData(f'{where}: expected shared, separate, or a name for each of {runs} runs such as '
+                      f'[{", ".join(apart(runs))}], found {value!r:.80}')
 
 
 def _angles(value: object, runs: int, where: str) -> list[float]:
     if isinstance(value, list) and len(value) == runs and all(map(is_number, value)):
         return value
-    raise InvalidData(f'{where}: wanted an angle in degrees for each of {runs} runs, the first 0, got {value!r:.80}')
+    raise InvalidData(f'{where}: expected an angle in degrees for each of {runs} runs, the first 0, found '
+                      f'{value!r:.80}')

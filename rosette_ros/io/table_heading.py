@@ -32,7 +32,7 @@ def meant(key: str, known: Collection[str]) -> str:
 def wrong(source: str, line: int, column: str, wanted: str, got: object, advice: str = '') -> InvalidData:
     """Return the InvalidData for a line or one of its cells."""
     place = f'{source}: line {line}' + (f': column {column}' if column else '')
-    return InvalidData(f'{place}: wanted {wanted}, got {got}' + (f'; {advice}' if advice else ''))
+    return InvalidData(f'{place}: expected {wanted}, found {got}' + (f'; {advice}' if advice else ''))
 
 
 def key_of(text: str) -> str:

@@ -37,7 +37,7 @@ def reading(path: str | Path, wanted: str, kind: type[RosetteError] = InvalidDat
     try:
         yield
     except OSError as error:
-        raise kind(f'{path}: wanted {wanted} that can be read, got {error.strerror}; check the path and its '
+        raise kind(f'{path}: expected {wanted} that can be read, found {error.strerror}; check the path and its '
                    'rights') from error
 
 
@@ -57,7 +57,7 @@ def is_regular(path: Path) -> bool:
 
 @cache
 def _name_left_out(path: Path) -> None:
-    logging.getLogger(__name__).warning('%s: left out: wanted a file, got %s', path, NO_FILE)
+    logging.getLogger(__name__).warning('%s: left out: expected a file, found %s', path, NO_FILE)
 
 
 def read_limited(path: str | Path, wanted: str, most: int, kind: type[RosetteError] = InvalidData) -> bytes:
@@ -68,7 +68,7 @@ def read_limited(path: str | Path, wanted: str, most: int, kind: type[RosetteErr
     with reading(path, wanted, kind), open(file, 'rb', opener=regular) as stream:
         data = stream.read(most + 1)
     if len(data) > most:
-        raise kind(f'{path}: wanted {wanted} of at most {most} bytes, got more')
+        raise kind(f'{path}: expected {wanted} of at most {most} bytes, found more')
     return data
 
 
@@ -88,7 +88,7 @@ def refuse_output(path: str | Path, force: bool = False) -> None:
     """Raise InvalidData before any work where a file exists already and `force` is not set, or its folder does not."""
     refuse_existing(path, force)
     if not (folder := Path(path).parent).is_dir():
-        raise InvalidData(f'{path}: wanted a name in a folder that exists, got none; make {folder} first')
+        raise InvalidData(f'{path}: expected a name in a folder that exists, found none; make {folder} first')
 
 
 def refuse_read(path: str | Path, read: Iterable[str | Path]) -> None:

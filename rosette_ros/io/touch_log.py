@@ -19,7 +19,7 @@ from rosette_ros.io.open_run import is_log
 from rosette_ros.io.safe_yaml import BAD_VALUE
 
 TOUCHES = 'rosette_msgs/msg/Touches'
-NONE = 'wanted touches to fit the spheres again, got none'
+NONE = 'expected touches to fit the spheres again, found none'
 
 
 def open_refitted(path: str | Path, run_id: str | None = None) -> tuple[Run, SphereRefit]:
@@ -57,7 +57,7 @@ def refit_of(log: LogRun, run_id: str | None = None) -> SphereRefit:
     refit = refit_spheres(touched)
     if not refit.radius.size:
         why = '; '.join(f'{count} with {words}' for words, count in refit.touched.left_out.items())
-        raise InvalidData(f'{log.path}: wanted touches that determine spheres, got {why}')
+        raise InvalidData(f'{log.path}: expected touches that determine spheres, found {why}')
     return refit
 
 
@@ -113,5 +113,5 @@ def _columns(touches: SimpleNamespace) -> Floats:
     columns = [np.asarray(getattr(touches, name), dtype=float) for name in TOUCH_ARRAYS]
     sizes = [one.size for one in columns]
     if len(set(sizes)) > 1:
-        raise InvalidData(f'wanted {", ".join(TOUCH_ARRAYS)} of one length, got {", ".join(map(str, sizes))}')
+        raise InvalidData(f'expected {", ".join(TOUCH_ARRAYS)} of one length, found {", ".join(map(str, sizes))}')
     return np.array(columns)

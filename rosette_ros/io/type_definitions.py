@@ -85,10 +85,10 @@ class TypeLibrary:
             hashes = {entry['type_name']: entry['hash_string'] for entry in content['type_hashes']}
             fields = {entry['type_name']: entry['fields'] for entry in described}
         except (ValueError, KeyError, TypeError) as error:
-            raise InvalidConfig(f'{path}: wanted a type description with type_description_msg and type_hashes, got '
+            raise InvalidConfig(f'{path}: expected a type description with type_description_msg and type_hashes, found '
                                 'something else; build the package again') from error
         if type_name not in fields or type_name not in hashes:
-            raise InvalidConfig(f'{path}: wanted a description of {type_name}, got {", ".join(sorted(fields))}')
+            raise InvalidConfig(f'{path}: expected a description of {type_name}, found {", ".join(sorted(fields))}')
         self._descriptions.update(fields)
         self._hashes.update(hashes)
         return self._descriptions[type_name]
@@ -96,15 +96,15 @@ class TypeLibrary:
     def _find(self, type_name: str, suffix: str) -> Path:
         """Return the installed file that defines a type: its name up to the first `_`."""
         if not re.fullmatch(r'[a-z][a-z0-9_]*/(msg|srv|action)/[A-Za-z][A-Za-z0-9_]*', type_name):
-            raise InvalidConfig('message type: wanted package/msg/Type, package/srv/Type_Event or '
-                                f'package/action/Type_FeedbackMessage, got {type_name!r}')
+            raise InvalidConfig('message type: expected package/msg/Type, package/srv/Type_Event or '
+                                f'package/action/Type_FeedbackMessage, found {type_name!r}')
         package, kind, name = type_name.split('/')
         relative = Path('share', package, kind, name.split('_')[0] + suffix)
         for prefix in self.prefixes:
             if (prefix / relative).is_file():
                 return prefix / relative
         searched = ', '.join(map(str, self.prefixes)) or 'no prefix: AMENT_PREFIX_PATH is empty'
-        raise InvalidConfig(f'{type_name}: wanted its definition in {relative}, not found below {searched}; install '
+        raise InvalidConfig(f'{type_name}: expected its definition in {relative}, not found below {searched}; install '
                             'the package, or source the workspace it is in')
 
     def _text(self, type_name: str) -> str:

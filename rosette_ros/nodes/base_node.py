@@ -111,8 +111,10 @@ class CellNode(GraphNode):
             time.sleep(_SIGNAL_PERIOD)
             self._monitors.take()
         if elder:
-            raise CellError(f'wanted no other {self._own.peer} in the namespace {self.get_namespace()} of this domain, '
-                            f'got process {elder.removeprefix(self._own.peer).rpartition(" ")[0].strip()}, which runs; '
+            raise CellError(f'expected no other {self._own.peer} in the namespace {self.get_namespace()} of this '
+                            f'domain, '
+                            f'found process {elder.removeprefix(self._own.peer).rpartition(" ")[0].strip()}, which '
+                            f'runs; '
                             'end that one, or give this one a namespace or domain of its own')
 
     def monitor(self, peer: str) -> NodeMonitor:
@@ -247,7 +249,7 @@ class ManagedNode(LifecycleNodeMixin, CellNode):
 
     def _may(self, what: str) -> bool:
         if self.is_busy:
-            self.get_logger().warning(f'asked to {what}: wanted no calibration running, got: {self.health()[1]}; '
+            self.get_logger().warning(f'asked to {what}: expected no calibration running, found: {self.health()[1]}; '
                                       'cancel it or wait for its end')
         return not self.is_busy
 

@@ -96,12 +96,12 @@ class CmmNode(CellNode, ABC):
     def aim_of(self, target: ProbeTarget) -> tuple[Floats, Floats]:
         """Return where a ball is expected, (3,), m, and its pole, (3,), 0, 0, 0 for none; raises CellError."""
         if short_frame(target.header.frame_id) != MACHINE_FRAME:
-            raise CellError(f'wanted a target in the frame {MACHINE_FRAME!r}, got {target.header.frame_id!r}')
+            raise CellError(f'expected a target in the frame {MACHINE_FRAME!r}, found {target.header.frame_id!r}')
         aim, pole = conversions.point_array(target.centre), conversions.point_array(target.pole)
         if not (abs(aim) < FARTHEST).all():
-            raise CellError(f'wanted a target within {FARTHEST:g} m, got the centre {tuple(aim.tolist())}')
+            raise CellError(f'expected a target within {FARTHEST:g} m, found the centre {tuple(aim.tolist())}')
         if pole.any() and not abs(np.linalg.norm(pole) - 1) < _ROUND:
-            raise CellError(f'wanted a pole of length 1, or 0, 0, 0, got {tuple(pole.tolist())}')
+            raise CellError(f'expected a pole of length 1, or 0, 0, 0, found {tuple(pole.tolist())}')
         return aim, pole
 
     def answer_to(self, target: ProbeTarget) -> BallCentre:

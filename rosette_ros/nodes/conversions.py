@@ -107,7 +107,7 @@ def answers_of(message: msg.Run) -> RunAnswers:
         for row in zip(*(_column(message, 'answer', name) for name in Answer._fields), strict=True):
             answers.add_answer(Answer(*row))
     except ValueError as error:
-        raise InvalidData(f'run {answers.run_id}: wanted arrays of one length, got others') from error
+        raise InvalidData(f'run {answers.run_id}: expected arrays of one length, found others') from error
     answers.frames += filter(None, map(table_frame_of, message.frames))
     return answers
 
@@ -143,7 +143,7 @@ def _quaternion(frame: Frame) -> Quaternion:
 def error_motions_record(message: msg.ErrorMotions) -> records.ErrorMotions:
     """Return the core record of an ErrorMotions message; raises InvalidData where its curves are no curves."""
     if not len(message.angle):
-        raise InvalidData(f'error motions of run {message.run_id!r}: wanted curves, got none')
+        raise InvalidData(f'error motions of run {message.run_id!r}: expected curves, found none')
     return PublishedMotions.of(message).motions
 
 

@@ -285,7 +285,7 @@ class DmeCmmNode(CmmNode):
 def settings_of(path: str) -> tuple[DmeSettings, set[Way]]:
     """Return the settings of a file and the ways around its balls, all safe; raises InvalidConfig, UnsafePath."""
     if not path:
-        raise InvalidConfig('settings: wanted the path of a settings file (rosette-dme/1), got none; an example is '
+        raise InvalidConfig('settings: expected the path of a settings file (rosette-dme/1), found none; an example is '
                             'config/dme.yaml')
     settings = load_dme_settings(path)
     return settings, refuse_unsafe_plan(settings)

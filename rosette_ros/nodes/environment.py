@@ -26,7 +26,8 @@ def check_middleware(environ: Mapping[str, str] = os.environ) -> None:
     there = sorted({path.name for folder in folders if folder.is_dir() for path in folder.iterdir()
                     if path.name.startswith('rmw_') and path.name != 'rmw_implementation'})
     if wanted and there and wanted not in there:
-        raise CellError(f'RMW_IMPLEMENTATION: wanted one that is installed, {" or ".join(there)}, got {wanted!r:.80}; '
+        raise CellError(f'RMW_IMPLEMENTATION: expected one that is installed, {" or ".join(there)}, found '
+                        f'{wanted!r:.80}; '
                         'unset it, or install that one')
 
 
@@ -36,16 +37,17 @@ def check_environment(domain_id: int | None, environ: Mapping[str, str] = os.env
     domain_id: None for that of the environment."""
     given = environ.get('ROS_DOMAIN_ID', '').strip() if domain_id is None else ''
     if given and not (given.isdecimal() and int(given) in names.DOMAINS):
-        raise CellError(f'ROS_DOMAIN_ID: wanted a whole number in 0..{names.DOMAINS[-1]}, got {given!r:.80}; set '
+        raise CellError(f'ROS_DOMAIN_ID: expected a whole number in 0..{names.DOMAINS[-1]}, found {given!r:.80}; set '
                         'another one, or give --domain')
     for name in _SWITCHES:
         if environ.get(name, '') not in ('', '0', '1'):
-            raise CellError(f'{name}: wanted 0 or 1, got {environ[name]!r:.80}; unset it')
+            raise CellError(f'{name}: expected 0 or 1, found {environ[name]!r:.80}; unset it')
     for peer in filter(None, environ.get(_PEERS, '').split(';')):
         _check_peer(peer)
     keys = environ.get(_KEYSTORE, '')
     if environ.get(_ENABLE) == 'true' and environ.get(_STRATEGY) == 'Enforce' and not os.path.isdir(keys):
-        raise CellError(f'{_KEYSTORE}: wanted the folder of the keys, as {_STRATEGY} is Enforce, got {keys!r:.80}; set '
+        raise CellError(f'{_KEYSTORE}: expected the folder of the keys, as {_STRATEGY} is Enforce, found '
+                        f'{keys!r:.80}; set '
                         f'it (docs/security.md), or unset {_ENABLE}')
     _check_logs(environ)
 
@@ -57,7 +59,8 @@ def _check_peer(peer: str) -> None:
             return
     except (OSError, UnicodeError):
         pass
-    raise CellError(f'{_PEERS}: wanted names or addresses of computers, separated by ";", got {peer!r:.80}, which has '
+    raise CellError(f'{_PEERS}: expected names or addresses of computers, separated by ";", found {peer!r:.80}, which '
+                    f'has '
                     'no address; correct it, or unset it')
 
 
@@ -65,7 +68,8 @@ def _check_logs(environ: Mapping[str, str]) -> None:
     """Raise CellError where ROS cannot make the folder of its own logs."""
     name = next((name for name in _LOGS if environ.get(name)), '')
     if not name:
-        raise CellError('HOME: wanted the folder of the user, got none; set HOME, or ROS_LOG_DIR to a folder for the '
+        raise CellError('HOME: expected the folder of the user, found none; set HOME, or ROS_LOG_DIR to a folder for '
+                        'the '
                         'logs of ROS')
     folder = Path(os.path.expanduser(environ[name]), _LOGS[name])
     try:
@@ -74,5 +78,5 @@ def _check_logs(environ: Mapping[str, str]) -> None:
     except OSError as error:
         reason = str(error.strerror)
     if reason:
-        raise CellError(f'{name}: wanted a folder for the logs of ROS, got {folder}: {reason}; set ROS_LOG_DIR to '
+        raise CellError(f'{name}: expected a folder for the logs of ROS, found {folder}: {reason}; set ROS_LOG_DIR to '
                         'another one')

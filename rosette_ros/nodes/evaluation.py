@@ -72,11 +72,11 @@ class ModelInUse:
     def run(self, run_id: str = '') -> Run:
         """Return an evaluated run, the last one where none is named; raises InvalidData."""
         if not self._runs:
-            raise InvalidData('wanted a run, got none yet: calibrate first')
+            raise InvalidData('expected a run, found none yet: calibrate first')
         if not run_id:
             return next(reversed(self._runs.values()))
         if run_id not in self._runs:
-            raise InvalidData(f'run_id: wanted one of {", ".join(self._runs)} (the last {RUNS_KEPT} are kept), got '
+            raise InvalidData(f'run_id: expected one of {", ".join(self._runs)} (the last {RUNS_KEPT} are kept), found '
                               f'{run_id!r}; the logs of older ones are for rosette evaluate (several: --joint)')
         return self._runs[run_id]
 
@@ -89,7 +89,8 @@ class ModelInUse:
         run = self.run(run_id)
         known = self._hashes.get(run.run_id, '')
         if readings_hash not in ('', known):
-            raise InvalidData(f'run {run.run_id}: wanted readings with the hash {readings_hash!r:.80}, got {known!r}; '
+            raise InvalidData(f'run {run.run_id}: expected readings with the hash {readings_hash!r:.80}, found '
+                              f'{known!r}; '
                               'publish the run again')
         return next_readings(run, self.model, refused=refused(run.n), **wanted)
 
@@ -134,20 +135,22 @@ def declared_sharing(request: Any, runs: int) -> dict[str, Any]:
     for name in (*PARTS, 'plate_turned'):
         values = tuple(getattr(request, name))
         if values and len(values) != runs:
-            raise InvalidData(f'{name}: wanted {"an angle" if name == "plate_turned" else "a name"} for each of {runs} '
-                              f'runs, or none, got {len(values)}')
+            raise InvalidData(f'{name}: expected {"an angle" if name == "plate_turned" else "a name"} for each of '
+                              f'{runs} '
+                              f'runs, or none, found {len(values)}')
         if values and name != 'plate_turned':
             declared[name] = tuple(plain(value) for value in values)
         elif values:
             if not all(map(isfinite, values)):
-                raise InvalidData(f'{name}: wanted finite angles, got {values}')
+                raise InvalidData(f'{name}: expected finite angles, found {values}')
             declared['turn'] = tuple(map(float, values))
     if request.seat:
         if request.seat not in SEATS:
-            raise InvalidData(f'seat: wanted one of {", ".join(SEATS)}, or nothing, got {plain(request.seat)!r:.80}')
+            raise InvalidData(f'seat: expected one of {", ".join(SEATS)}, or nothing, found '
+                              f'{plain(request.seat)!r:.80}')
         declared['seat'] = request.seat
     if request.by_sense not in (-1, 0, 1):
-        raise InvalidData(f'by_sense: wanted YES, NO or AS_THE_RUNS, got {request.by_sense}')
+        raise InvalidData(f'by_sense: expected YES, NO or AS_THE_RUNS, found {request.by_sense}')
     if request.by_sense:
         declared['by_sense'] = request.by_sense > 0
     return {**declared, 'cmm_is_calibrated': True} if request.cmm_is_calibrated else declared
@@ -159,9 +162,9 @@ def extended(model: Model, effect: str, entry: Mapping[str, Any]) -> Model:
     Raises InvalidModel."""
     if 'own' in entry:
         if effect not in ('', entry['own']):
-            raise InvalidModel(f'effect: wanted {entry["own"]!r} as in the definition, or nothing, got {effect!r}')
+            raise InvalidModel(f'effect: expected {entry["own"]!r} as in the definition, or nothing, found {effect!r}')
         return model.with_entry(dict(entry))
     settings = dict(entry)
     if 'name' in settings and settings.pop('name') != effect:
-        raise InvalidModel(f'definition: name: wanted {effect!r} as in `effect`')
+        raise InvalidModel(f'definition: name: expected {effect!r} as in `effect`')
     return model.with_effect(effect, settings)

@@ -231,12 +231,14 @@ def entry_of(request: AddEffect.Request) -> Mapping[str, object]:
     own = {name: getattr(request, name) for name in ('direction', 'expression', 'per') if getattr(request, name)}
     settings = {plain(one.name): _setting(one) for one in request.settings}
     if len(settings) < len(request.settings):
-        raise InvalidModel(f'settings: wanted each once, got {", ".join(plain(one.name) for one in request.settings)}')
+        raise InvalidModel(f'settings: expected each once, found '
+                           f'{", ".join(plain(one.name) for one in request.settings)}')
     given = [*(['settings'] if settings else ()), *own]
     if request.definition and given:
-        raise InvalidModel(f'definition: wanted it empty, or no {", ".join(given)} beside it')
+        raise InvalidModel(f'definition: expected it empty, or no {", ".join(given)} beside it')
     if settings and own:
-        raise InvalidModel(f"settings: wanted none for a user's own term ({', '.join(own)}), got {', '.join(settings)}")
+        raise InvalidModel(f"settings: expected none for a user's own term ({', '.join(own)}), found "
+                           f"{', '.join(settings)}")
     if own:
         return {'own': request.effect, **own}
     return settings or parse_entry(request.definition, 'definition')
@@ -247,7 +249,7 @@ def _setting(parameter: Parameter) -> float | str:
     fields = {ParameterType.PARAMETER_DOUBLE: 'double_value', ParameterType.PARAMETER_INTEGER: 'integer_value',
               ParameterType.PARAMETER_STRING: 'string_value'}
     if value.type not in fields:
-        raise InvalidModel(f'settings: {name}: wanted a number or a text, got a parameter of type {value.type}')
+        raise InvalidModel(f'settings: {name}: expected a number or a text, found a parameter of type {value.type}')
     return getattr(value, fields[value.type])
 
 

@@ -26,7 +26,7 @@ def interface_class(type_name: str) -> type:
     Raises InvalidConfig where it is not installed."""
     match = _NAME.fullmatch(type_name)
     if not match:
-        raise InvalidConfig(f'message type: wanted package/msg/Type, got {type_name!r:.100}')
+        raise InvalidConfig(f'message type: expected package/msg/Type, found {type_name!r:.100}')
     package, kind, name = match.groups()
     try:
         module = importlib.import_module(f'{package}.{kind}')
@@ -36,7 +36,7 @@ def interface_class(type_name: str) -> type:
             return getattr(module, name.removesuffix('_FeedbackMessage')).Impl.FeedbackMessage
         return getattr(module, name)
     except (ImportError, AttributeError) as error:
-        raise InvalidConfig(f'{type_name}: wanted an installed interface, got: {error}') from error
+        raise InvalidConfig(f'{type_name}: expected an installed interface, found: {error}') from error
 
 
 def decoded(data: bytes, message_class: type) -> Any:
@@ -44,7 +44,7 @@ def decoded(data: bytes, message_class: type) -> Any:
     try:
         return deserialize_message(bytes(data), message_class)
     except RuntimeError as error:  # each middleware has its own words
-        raise InvalidData(f'{message_class.__name__}: wanted its CDR, got {len(data)} bytes that are none; was it '
+        raise InvalidData(f'{message_class.__name__}: expected its CDR, found {len(data)} bytes that are none; was it '
                           'sent with another version of the message?') from error
 
 

@@ -184,7 +184,7 @@ class LogSession:
         now: steady time, s; log_time: ROS time of what was received before, ns; custom_data: for metadata.yaml.
         Raises InvalidData where the directory holds a log already, CellError where one is open."""
         if self.is_open:
-            raise CellError(f'the log of run {self.run_id} is open; wanted it closed first')
+            raise CellError(f'the log of run {self.run_id} is open; expected it closed first')
         settings = self._settings()
         self._writer = LogWriter(
             directory, directory.name, custom_data=custom_data, compression=settings.get('compression', 'none'))
@@ -265,14 +265,15 @@ def find_part(log_dir: Path, wanted: str) -> Path:
         path, wanted = path.parent, str(path.parent)
     longest = max(map(len, wanted.encode(errors='replace').split(b'/')))
     if not path.name.strip('.') or longest > 255 or '\0' in wanted:
-        raise InvalidData(f'resume: wanted the name of a log in {log_dir}, got {wanted!r:.100}')
+        raise InvalidData(f'resume: expected the name of a log in {log_dir}, found {wanted!r:.100}')
     if path.name != wanted and path.absolute().parent.resolve() != log_dir.resolve():
-        raise InvalidData(f'resume: wanted a log in the folder of the recorder, {log_dir}, got {wanted!r:.100}; '
+        raise InvalidData(f'resume: expected a log in the folder of the recorder, {log_dir}, found {wanted!r:.100}; '
                           'copy it there')
     parts = parts_of(log_dir, run_of(path.name))
     is_part = run_of(path.name) != path.name
     if not parts or (is_part and log_dir / path.name not in parts):
-        raise InvalidData(f'resume: wanted the log of a run in {log_dir}, got none named {path.name!r}; check the name')
+        raise InvalidData(f'resume: expected the log of a run in {log_dir}, found none named {path.name!r}; check the '
+                          f'name')
     if is_part and log_dir / path.name != parts[-1]:
         raise InvalidData(f'resume: {path.name} was continued already; resume {parts[-1].name}')
     return parts[-1]

@@ -300,7 +300,7 @@ class NextBlock:
     def refuse_none(self, sequence: Sequence) -> None:
         """Raise CellError where a sequence will ask, and no evaluator offers to answer."""
         if sequence.until and not self._client.is_there:
-            raise CellError(f'until: wanted an evaluator with the service {names.NEXT_READINGS}, got none; start '
+            raise CellError(f'until: expected an evaluator with the service {names.NEXT_READINGS}, found none; start '
                             'another one, or calibrate without until')
 
     def ask(self, sequence: Sequence, readings_hash: str, readings: int, refused: Iterable[Block] = ()) -> None:
@@ -401,22 +401,22 @@ class CellMonitor:
         """Return what the cell lacks for a calibration, in words."""
         node = self._node
         missing = ['the CMM is being tried (rosette check-cmm)' if one.is_tried else
-                   f'{one.conflict}: wanted one in this domain and namespace; is another cell running? Give each its '
+                   f'{one.conflict}: expected one in this domain and namespace; is another cell running? Give each its '
                    'own (--domain, --namespace)' for one in self._of_one if one.conflict]
         if not (self._publishers_of[names.BALL_CENTRE].found and target_subscriptions(node)):
-            missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
-                           f'{names.BALL_CENTRE}, got none; '
+            missing.append(f'no CMM: expected one that subscribes to {names.PROBE_TARGET} and publishes '
+                           f'{names.BALL_CENTRE}, found none; '
                            f'{self._remedy(names.CMM, "start simulated_cmm or connect a CMM")}')
         elif not node.has_time():
             missing.append('no time: with use_sim_time the CMM publishes /clock, none was received')
         if not node.count_publishers(names.ERROR_MOTIONS) or self._is_disconnected(names.EVALUATOR):
-            missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; '
+            missing.append(f'no evaluator: expected one that publishes {names.ERROR_MOTIONS}, found none; '
                            f'{self._remedy(names.EVALUATOR, "start it")}')
         elif (busy := self._monitors[names.EVALUATOR].busy) > node.parameters['limits.evaluation_timeout_s']:
             missing.append(f'the evaluator has answered nothing for {busy:.0f} s: it computes or hangs; wait, or '
                            'restart it')
         if with_recorder and (self._is_disconnected(names.RECORDER) or not self._recorder.is_there):
-            missing.append(f'no recorder: wanted its service {names.START_RECORDING}, got none; '
+            missing.append(f'no recorder: expected its service {names.START_RECORDING}, found none; '
                            f'{self._remedy(names.RECORDER, "start it, or set require_recorder to false")}')
         return missing
 

@@ -71,8 +71,8 @@ def refuse_unknown_sections(arguments: Sequence[str], node: Node) -> None:
             if not any(re.fullmatch(pattern, name) for name in names_here):
                 near = difflib.get_close_matches(section.rpartition('/')[2], NODES, 1, 0.3) or NODES
                 raise InvalidConfig(
-                    f'{path}: section {section[1:]!r}: wanted the name of a node in the namespace '
-                    f'{node.get_namespace()}, got one that belongs to none; did you mean /**/{near[0]}?')
+                    f'{path}: section {section[1:]!r}: expected the name of a node in the namespace '
+                    f'{node.get_namespace()}, found one that belongs to none; did you mean /**/{near[0]}?')
 
 
 def sections(content: Any, before: str = '') -> Iterator[tuple[str, Any]]:

@@ -330,10 +330,12 @@ class Recorder(CellNode):
             there = next(path for path in (directory, *directory.parents) if path.exists())
             free, wanted = shutil.disk_usage(there).free / 1e6, self.parameters['least_free_mb']
         except OSError as error:
-            raise CellError(f'{directory}: wanted a folder for the log, got: {error.strerror}; choose another folder '
+            raise CellError(f'{directory}: expected a folder for the log, found: {error.strerror}; choose another '
+                            f'folder '
                             '(log_dir)') from error
         if free < wanted:
-            raise CellError(f'{directory}: wanted {wanted} MB of room for the log (least_free_mb), got {free:.1f} MB; '
+            raise CellError(f'{directory}: expected {wanted} MB of room for the log (least_free_mb), found {free:.1f} '
+                            f'MB; '
                             'make room or choose another folder (log_dir)')
 
     def _on_recall(self, request: Recall.Request, response: Recall.Response) -> Recall.Response:
@@ -347,7 +349,7 @@ class Recorder(CellNode):
     def _on_recorded(self, request: Recorded.Request, response: Recorded.Response) -> Recorded.Response:
         """Return what of results and readings the open log lacks, once it is on the disk."""
         if not self._is_log_of(request.run_id):
-            response.message = f'wanted the log of run {plain(request.run_id)} open, got {self._open_log}'
+            response.message = f'expected the log of run {plain(request.run_id)} open, found {self._open_log}'
             return response
         there = self._session.directory, self._contents.answers.answered, self._contents.missing(request)
         self._replace_damaged(is_whole=there != self._looked)  # asked again and again until it is all there
@@ -360,12 +362,13 @@ class Recorder(CellNode):
     def _on_stop(self, request: StopRecording.Request, response: StopRecording.Response) -> StopRecording.Response:
         """Close the log where it lacks nothing that the request names."""
         if not self._is_log_of(request.run_id):
-            response.message = f'wanted to close the log of run {plain(request.run_id)}, got {self._open_log}'
+            response.message = f'expected to close the log of run {plain(request.run_id)}, found {self._open_log}'
             return response
         session = self._session
         if not self._is_over:  # the state may come after the request, which may be that of another node
             response.missing = ['the end of the run']
-            response.message = f'wanted to close the log of run {session.run_id} after its end, got that it is measured'
+            response.message = (f'expected to close the log of run {session.run_id} after its end, found that it is '
+                                'measured')
             return response
         self._replace_damaged()
         self._ending = self._ending or Progress(self.seconds, LAST_MESSAGES)
@@ -394,7 +397,8 @@ class Recorder(CellNode):
 
     def _directory(self, run_id: str) -> Path:
         if not _RUN_NAME.fullmatch(run_id):
-            raise InvalidConfig('run_id: wanted a name of letters, digits, ".", "_" and "-" that can be a folder, got '
+            raise InvalidConfig('run_id: expected a name of letters, digits, ".", "_" and "-" that can be a folder, '
+                                'found '
                                 f'{run_id!r}')
         return self._log_dir / run_id
 

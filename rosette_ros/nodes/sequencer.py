@@ -63,7 +63,7 @@ class Sequencer(ManagedNode):
         """Cancel the running calibration, by whichever interface it was requested."""
         job = self._control.job
         if job is None or job.is_over:
-            return Trigger.Response(message='wanted a run to cancel, got none that is running')
+            return Trigger.Response(message='expected a run to cancel, found none that is running')
         self._topics.event(job.request, CalibrationEvent.CANCEL_REQUESTED, 'cancel requested', job)
         self._control.cancel(job)
         return Trigger.Response(success=True, message=job.run_id)

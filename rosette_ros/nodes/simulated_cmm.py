@@ -109,7 +109,7 @@ class SimulatedCmm(CmmNode):
         side = pole if pole.any() else None
         offset = target_of(target).table_offset
         if not math.isfinite(offset):
-            raise InvalidPlan(f'table_angle: wanted a finite angle, got {target.table_angle}')
+            raise InvalidPlan(f'table_angle: expected a finite angle, found {target.table_angle}')
         short = sum(1e-6 * strike.fault.short_urad for strike in struck if strike.fault.kind == 'table_short')
         if any(strike.fault.kind == 'neighbour' for strike in struck):
             return machine.measure(target.table_position, target.ball % machine.n + 1, target.approach, short=short,
@@ -154,7 +154,7 @@ class SimulatedCmm(CmmNode):
 
 def _refuse_other_plate(target: ProbeTarget, balls: int, radius: float) -> None:
     if target.balls != balls or not math.isclose(target.radius, radius, rel_tol=1e-9):
-        raise InvalidPlan(f'wanted a target for {balls} balls on a circle of radius {radius:g} m, got '
+        raise InvalidPlan(f'expected a target for {balls} balls on a circle of radius {radius:g} m, found '
                           f'{target.balls} balls, {target.radius:g} m')
 
 
@@ -166,7 +166,7 @@ def default_machine() -> Path:
     paths = [root / 'config' / 'machine.yaml' for root in roots]
     for path in filter(Path.is_file, paths):
         return path
-    raise InvalidConfig(f'machine: wanted {" or ".join(map(str, paths))}, found none; set the parameter "machine"')
+    raise InvalidConfig(f'machine: expected {" or ".join(map(str, paths))}, found none; set the parameter "machine"')
 
 
 main = partial(run_node, names.CMM, SimulatedCmm)

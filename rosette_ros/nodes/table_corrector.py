@@ -45,10 +45,10 @@ class TableCorrector(CellNode):
     def __init__(self) -> None:
         super().__init__(names.TABLE_CORRECTOR, WANTED)
         if not self.parameters['correction']:
-            raise InvalidConfig(f'{names.TABLE_CORRECTOR}: correction: wanted a correction file (rosette correct RUN '
-                                '--for ros), got none')
+            raise InvalidConfig(f'{names.TABLE_CORRECTOR}: correction: expected a correction file (rosette correct RUN '
+                                '--for ros), found none')
         if self.parameters['sign'] == 0:
-            raise InvalidConfig(f'{names.TABLE_CORRECTOR}: sign: wanted 1 or -1, got 0')
+            raise InvalidConfig(f'{names.TABLE_CORRECTOR}: sign: expected 1 or -1, found 0')
         self._correction, self._table = read_correction(self.parameters['correction'])
         self._joint, self._sign, self._zero, self._nominal, self._corrected = (
             self.parameters[name] for name in ('joint', 'sign', 'zero_rad', 'nominal_frame', 'corrected_frame'))
@@ -82,18 +82,19 @@ class TableCorrector(CellNode):
         """Return the position of the table's joint, rad; raises InvalidData where the message has none."""
         every = dict(zip(message.name, message.position))
         if not self._joint and len(every) > 1:
-            raise InvalidData(f'joint_states: wanted one joint, got {plain(", ".join(every))}; name that of the table '
+            raise InvalidData(f'joint_states: expected one joint, found {plain(", ".join(every))}; name that of the '
+                              f'table '
                               '(parameter joint)')
         position = every.get(self._joint, math.nan) if self._joint else next(iter(every.values()), math.nan)
         if not math.isfinite(position):
-            raise InvalidData(f'joint_states: wanted the position of joint {self._joint or "of the table"}, got '
+            raise InvalidData(f'joint_states: expected the position of joint {self._joint or "of the table"}, found '
                               f'{plain(", ".join(f"{name}: {value}" for name, value in every.items())) or "none"}')
         return position
 
     def _on_point(self, request: CorrectPoint.Request, response: CorrectPoint.Response) -> CorrectPoint.Response:
         point = (request.point.x, request.point.y, request.point.z)
         if not all(map(math.isfinite, (request.angle, *point))):
-            response.message = f'wanted a finite angle and point, got {request.angle:g} rad and {point}'
+            response.message = f'expected a finite angle and point, found {request.angle:g} rad and {point}'
             return response
         x, y, z = map(float, self._correction.point(request.angle, point, -1 if request.sense < 0 else 1))
         response.success, response.corrected = True, Point(x=x, y=y, z=z)

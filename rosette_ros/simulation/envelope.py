@@ -40,10 +40,10 @@ def seal_envelope(path: Path, machine: Machine) -> str:
     try:
         replace_file(path, (json.dumps(envelope, indent=1) + '\n').encode(), force=False)
     except FileExistsError as error:
-        raise InvalidData(f'{path}: wanted a new file for the envelope, got one that exists; '
+        raise InvalidData(f'{path}: expected a new file for the envelope, found one that exists; '
                           'name another, an envelope is never overwritten') from error
     except OSError as error:
-        raise InvalidData(f'{path}: wanted to write the envelope, got: {error}') from error
+        raise InvalidData(f'{path}: expected to write the envelope, found: {error}') from error
     return digest
 
 
@@ -53,19 +53,19 @@ def open_envelope(path: Path) -> Envelope:
         with open(path, encoding='utf-8', opener=regular) as stream:
             outer = json.load(stream)
     except (OSError, ValueError, RecursionError) as error:
-        raise InvalidData(f'{path}: wanted an envelope file, got: {error}') from error
+        raise InvalidData(f'{path}: expected an envelope file, found: {error}') from error
     if not isinstance(outer, dict) or outer.get('schema') != SCHEMA:
-        raise InvalidData(f'{path}: wanted an envelope of schema {SCHEMA}, got something else')
+        raise InvalidData(f'{path}: expected an envelope of schema {SCHEMA}, found something else')
     try:
         text = base64.b64decode(outer['sealed'], validate=True)
     except (KeyError, TypeError, ValueError) as error:
-        raise InvalidData(f'{path}: sealed: wanted base64 text, got something else') from error
+        raise InvalidData(f'{path}: sealed: expected base64 text, found something else') from error
     digest = hashlib.sha256(text).hexdigest()
     if digest != outer.get('sha256'):
-        raise InvalidData(f'{path}: wanted content of sha256 {outer.get("sha256")!s:.64}, got '
+        raise InvalidData(f'{path}: expected content of sha256 {outer.get("sha256")!s:.64}, found '
                           f'{digest}; the envelope was changed after it was sealed')
     try:
         content = json.loads(text)
         return Envelope(digest, content['seed'], tuple(content['hidden']))
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InvalidData(f'{path}: sealed: wanted seed and hidden effects, got something else') from error
+        raise InvalidData(f'{path}: sealed: expected seed and hidden effects, found something else') from error

@@ -416,10 +416,10 @@ class HiddenDraw(Settings):
     @model_validator(mode='after')
     def _ordered(self) -> Self:
         if self.fewest > self.most:
-            raise ValueError(f'fewest: wanted at most most = {self.most}, got {self.fewest}')
+            raise ValueError(f'fewest: expected at most most = {self.most}, found {self.fewest}')
         if self.smallest_sigma > self.largest_sigma:
-            raise ValueError(f'smallest_sigma: wanted at most largest_sigma = {self.largest_sigma:g}, '
-                             f'got {self.smallest_sigma:g}')
+            raise ValueError(f'smallest_sigma: expected at most largest_sigma = {self.largest_sigma:g}, '
+                             f'found {self.smallest_sigma:g}')
         return self
 
 

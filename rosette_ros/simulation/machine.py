@@ -82,16 +82,16 @@ class MachineConfig(Settings):
         pitches = self.clamping.plate_turn_deg * self.plate.balls / 360
         if abs(pitches - round(pitches)) > 1e-9:
             raise ValueError(
-                f'clamping.plate_turn_deg: wanted a multiple of {360 / self.plate.balls:.6g} deg '
-                f'(one ball pitch), got {self.clamping.plate_turn_deg:g}')
+                f'clamping.plate_turn_deg: expected a multiple of {360 / self.plate.balls:.6g} deg '
+                f'(one ball pitch), found {self.clamping.plate_turn_deg:g}')
         reach = max(self.probing.below_pole_mm, self.probing.below_equator_mm)
         if reach >= self.plate.ball_radius_mm:
-            raise ValueError('probing: wanted circles on the ball, less than plate.ball_radius_mm = '
-                             f'{self.plate.ball_radius_mm:g} from pole and equator, got {reach:g}')
+            raise ValueError('probing: expected circles on the ball, less than plate.ball_radius_mm = '
+                             f'{self.plate.ball_radius_mm:g} from pole and equator, found {reach:g}')
         for place, effect in enumerate(self.hidden):
             ball = getattr(effect, 'ball', None)
             if ball is not None and ball > self.plate.balls:
-                raise ValueError(f'hidden.{place + 1}.ball: wanted 1..{self.plate.balls}, got {ball}')
+                raise ValueError(f'hidden.{place + 1}.ball: expected 1..{self.plate.balls}, found {ball}')
         return self
 
     @property
@@ -235,7 +235,7 @@ class Machine:
                   run_id: str = '') -> tuple[Run, Alignment, BallReadings]:
         """Return what `run` returns, the alignment, and the readings in the machine frame."""
         if scheme.n != self.n:
-            raise InvalidPlan(f'scheme: wanted one for the {self.n} balls of this plate, got one for {scheme.n}')
+            raise InvalidPlan(f'scheme: expected one for the {self.n} balls of this plate, found one for {scheme.n}')
         offset = scheme.table_offset
         alignment = self.align(repeats, offset) if align else Alignment(
             self.true_frame.turned(offset), *self._repeat(repeats, offset))
@@ -288,7 +288,7 @@ class Machine:
         index = np.asarray(index)
         bad = (index < 1) | (index > self.n)
         if bad.any():
-            raise InvalidPlan(f'{what}: wanted 1..{self.n}, got {index[bad][0]}')
+            raise InvalidPlan(f'{what}: expected 1..{self.n}, found {index[bad][0]}')
         return index.astype(np.int64)
 
     def _reachable(self, pole: ArrayLike | None) -> Floats:
@@ -298,7 +298,7 @@ class Machine:
             return axis
         pole = unit_axis(pole)
         if pole @ axis < STEEPEST:
-            raise BallNotFound(f'wanted a pole on the free side of the plate, about along {words(axis)}, got '
+            raise BallNotFound(f'expected a pole on the free side of the plate, about along {words(axis)}, found '
                                f'{words(pole)}; check the axis of the table (table.axis)')
         return pole
 
@@ -376,7 +376,7 @@ def _refuse_far(moment: Moment, off: Floats, reach: float) -> None:
     if not (far <= reach).all():
         bad = np.flatnonzero(~(far <= reach))
         raise BallNotFound(
-            f'table position {moment.table_position[bad[0], 0]}, ball {moment.ball[bad[0], 0]}: wanted a ball within '
+            f'table position {moment.table_position[bad[0], 0]}, ball {moment.ball[bad[0], 0]}: expected a ball within '
             f'{1e3 * reach:.3g} mm of the aim, its centre is {1e3 * far[bad[0]]:.4g} mm away; check the frame of the '
             'target and the alignment')
 

@@ -115,7 +115,7 @@ class TouchPattern:
         if touches in (0, self.size):
             return self
         if touches not in TOUCHES:
-            raise InvalidPlan(f'touches: wanted one of {", ".join(map(str, TOUCHES))}, or 0 for {self.size}, got '
+            raise InvalidPlan(f'touches: expected one of {", ".join(map(str, TOUCHES))}, or 0 for {self.size}, found '
                               f'{touches}')
         other = copy.copy(self)
         other._touch_on(*circles_of(touches))

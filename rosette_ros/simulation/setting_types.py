@@ -48,7 +48,7 @@ _Group = TypeVar('_Group', bound=Settings)
 def checked(group: type[_Group], values: Any, source: str) -> _Group:
     """Return settings from a mapping as read from YAML; raises InvalidConfig, naming `source` and the key."""
     if not isinstance(values, dict):
-        raise InvalidConfig(f'{source}: wanted a mapping of settings, got {values!r:.60}')
+        raise InvalidConfig(f'{source}: expected a mapping of settings, found {values!r:.60}')
     try:
         return group.model_validate(values)
     except ValidationError as error:
@@ -65,7 +65,7 @@ def _complaint(error: ValidationError, source: str, model: type[BaseModel]) -> s
     if first['type'] == 'value_error':
         return f'{source}: {key + ": " if key else ""}{first["ctx"]["error"]}{rest}'
     wanted, got = _wanted_and_got(first, model)
-    return f'{source}: {key}: wanted {wanted}, got {got}{rest}'
+    return f'{source}: {key}: expected {wanted}, found {got}{rest}'
 
 
 def _key(loc: tuple[int | str, ...]) -> str:

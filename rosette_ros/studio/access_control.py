@@ -25,7 +25,7 @@ MOST_UPLOAD = 200 << 20
 """Size of the largest upload, bytes."""
 MOST_BODY = MOST_UPLOAD + (1 << 16)
 MOST_FORM = 4096
-TOO_LARGE = f'wanted at most {MOST_UPLOAD >> 20} MB, got more'
+TOO_LARGE = f'expected at most {MOST_UPLOAD >> 20} MB, found more'
 CLIENT_GONE = 499
 """Status for a browser that closes the connection before it is answered; nobody reads it."""
 SIGN_IN_PATH = '/sign-in'
@@ -73,17 +73,19 @@ class AccessControl:
         host, origin = (', '.join(headers.getlist(name)).lower() for name in ('host', 'origin'))
         for (what, form), value in zip(FORMS.items(), (host, origin, scope['path']), strict=True):
             if not re.fullmatch(form, value):
-                words = f'{what}: wanted one as browsers send it, got {ascii(value)[:80]}'
+                words = f'{what}: expected one as browsers send it, found {ascii(value)[:80]}'
                 logging.getLogger(__name__).warning('rosette studio: refused: %s', words)
                 return PlainTextResponse(words, 400)
         if self._names is not None and re.sub(r':[0-9]+$', '', host).strip('[]') not in self._names:
-            return PlainTextResponse(f'host: wanted one of {", ".join(self._names)}, got {host!r}; open the address '
+            return PlainTextResponse(f'host: expected one of {", ".join(self._names)}, found {host!r}; open the '
+                                     f'address '
                                      'that the studio printed', 403)
         if origin and origin.partition('://')[2] != host:
-            return PlainTextResponse(f'origin: wanted a page of this studio, got {origin!r}', 403)
+            return PlainTextResponse(f'origin: expected a page of this studio, found {origin!r}', 403)
         if headers.get('sec-fetch-site', 'none') not in ('none', 'same-origin') \
                 and headers.get('sec-fetch-dest') != 'document':
-            return PlainTextResponse('sec-fetch-site: wanted a page of this studio, got a part of another page', 403)
+            return PlainTextResponse('sec-fetch-site: expected a page of this studio, found a part of another '
+                                     'page', 403)
         if not length.isdecimal() or int(length) > MOST_BODY:
             return PlainTextResponse(TOO_LARGE, 413)
         if self._token is None:

@@ -43,7 +43,7 @@ def list_runs(folder: str, question: Question, model: str = '') -> ArchiveRuns:
     models = tuple((row['model_hash'], row['runs']) for row in archive.query(
         "SELECT model_hash, count(*) AS runs FROM runs WHERE problem = '' GROUP BY 1 ORDER BY 2 DESC, 1").to_pylist())
     if not models:
-        raise InvalidData(f'{folder}: wanted an archive with runs, got one without; add some')
+        raise InvalidData(f'{folder}: expected an archive with runs, found one without; add some')
     model = model or models[0][0]
     tables = archive.query("SELECT DISTINCT table_serial AS name FROM runs WHERE problem = '' ORDER BY 1").to_pylist()
     condition, values = question.condition()
@@ -68,7 +68,8 @@ def less_earliest(curves: Sequence[tuple[str, ErrorMotions]]) -> list[tuple[str,
     for name, motions in others:
         less = difference(motions, base)
         if less is None:
-            raise InvalidData(f'wanted runs at the same table angles, got {name} with {_angles(motions)} and {first} '
+            raise InvalidData(f'expected runs at the same table angles, found {name} with {_angles(motions)} and '
+                              f'{first} '
                               f'with {_angles(base)}')
         made.append((f'{name} less {first}', less))
     return made

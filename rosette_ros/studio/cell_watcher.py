@@ -38,7 +38,8 @@ class CellWatcher(GraphClient):
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         domain = os.environ.get('ROS_DOMAIN_ID') or 0 if domain_id is None else domain_id
         if str(domain) not in map(str, names.DOMAINS):
-            raise CellError(f'studio: ROS domain: wanted a whole number from 0 to {names.DOMAINS[-1]}, got {domain}')
+            raise CellError(f'studio: ROS domain: expected a whole number from 0 to {names.DOMAINS[-1]}, found '
+                            f'{domain}')
         self.lock, self.state = threading.Lock(), CellState()
         self.outcome: CalibrationOutcome | None = None
         self.problem = ''

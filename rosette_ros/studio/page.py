@@ -374,7 +374,7 @@ def free_port(host: str, port: int) -> int:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise CellError(f'studio: wanted to listen on {host} port {port}, got: {error.strerror}; choose '
+            raise CellError(f'studio: expected to listen on {host} port {port}, found: {error.strerror}; choose '
                             'another --port or --host') from error
         return int(probe.getsockname()[1])
 
@@ -384,4 +384,5 @@ def is_loopback(host: str) -> bool:
     try:
         return host == 'localhost' or ipaddress.ip_address(host).is_loopback
     except ValueError:
-        raise InvalidConfig(f'--host: wanted an IP address such as 192.168.1.5, or localhost, got {host!r}') from None
+        raise InvalidConfig(f'--host: expected an IP address such as 192.168.1.5, or localhost, found '
+                            f'{host!r}') from None

@@ -102,7 +102,7 @@ class Worker:
         except TimeoutError:
             if self._process is process:
                 self.stop()
-            raise WorkerFailed(f'wanted a result within {within:g} s, got none') from None
+            raise WorkerFailed(f'expected a result within {within:g} s, found none') from None
         if self._process is process:
             self._process = None
         if kind == ERROR:
@@ -130,7 +130,7 @@ def _work(sender: Connection, function: Callable[..., object], arguments: tuple[
     except RosetteError as error:
         sender.send((ERROR, error))
     except MemoryError:
-        sender.send((ERROR, WorkerFailed(f'wanted at most {(memory or 0) >> 20} MB of memory, got more')))
+        sender.send((ERROR, WorkerFailed(f'expected at most {(memory or 0) >> 20} MB of memory, found more')))
     except Exception as error:
         sender.send((ERROR, WorkerFailed(f'a program error, reported on the console: {one_line(error)}')))
         raise

@@ -108,21 +108,21 @@ def _gaps(after: Sequence[tuple[int, float]]) -> tuple[str, str]:
 
 
 def _not_finite(centre: Sequence[float], angle: float, travel: float) -> tuple[str, str]:
-    return f'wanted finite numbers, got centre {centre}, table_angle {angle}, table_travel {travel}', ''
+    return f'expected finite numbers, found centre {centre}, table_angle {angle}, table_travel {travel}', ''
 
 
 def _other_frame(frames: Sequence[str], got: str) -> tuple[str, str]:
     most = ' as in most answers' if len(frames) == 1 else ''
-    return f'wanted frame_id {" or ".join(map(repr, frames))}{most}, got {got!r}', ''
+    return f'expected frame_id {" or ".join(map(repr, frames))}{most}, found {got!r}', ''
 
 
 def _other_angle(limit: float, wanted: float, got: float, is_in_degrees: bool) -> tuple[str, str]:
-    return (f'wanted the table within {limit:g} rad of {wanted:.6f} rad, got {got:.6f} rad',
+    return (f'expected the table within {limit:g} rad of {wanted:.6f} rad, found {got:.6f} rad',
             'that is degrees, give radians' if is_in_degrees else '')
 
 
 def _far_away(limit: float, away: float, is_in_millimetres: bool) -> tuple[str, str]:
-    return (f'wanted a ball within {1e3 * limit:g} mm of the target, got {1e3 * away:.3f} mm',
+    return (f'expected a ball within {1e3 * limit:g} mm of the target, found {1e3 * away:.3f} mm',
             'these are millimetres, give metres' if is_in_millimetres else '')
 
 
@@ -159,7 +159,8 @@ _SAYS: Mapping[str, Callable[..., tuple[str, str]]] = {
     RemarkKind.OTHER_RADIUS: lambda lies, stated: (
         f'the ball centres lie on a circle of R = {1e3 * lies:.3f} mm, not of {1e3 * stated:.6g} mm as stated',
         'correct the radius of the plate'),
-    RemarkKind.OTHER_BALL: lambda wanted, got: (f'wanted table position, ball, CMM position {wanted}, got {got}', ''),
+    RemarkKind.OTHER_BALL: lambda wanted, got: (f'expected table position, ball, CMM position {wanted}, found '
+                                                f'{got}', ''),
     RemarkKind.CMM_FAILED: lambda reason: (f'the CMM reports: {reason or "failed, without a reason"}', ''),
     RemarkKind.NOT_FINITE: _not_finite,
     RemarkKind.OTHER_FRAME: _other_frame,

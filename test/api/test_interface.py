@@ -121,7 +121,7 @@ def test_a_result_is_shown_in_words_in_a_notebook_and_as_a_frame(table, found):
     card = found._repr_html_()
     assert '#c62828' in card and '<table>' in card
     assert 'frame_drift' in set(found.to_frame('candidates')['effect'])
-    with pytest.raises(rosette.RosetteError, match="to_frame: wanted one of .*, got 'no'"):
+    with pytest.raises(rosette.RosetteError, match="to_frame: expected one of .*, found 'no'"):
         found.to_frame('no')
     for result in (rosette.compare(table), rosette.ladder(table, found.model), rosette.budget(table),
                    rosette.correct(table, found.model), rosette.plan('row', balls=6), rosette.effects()):
@@ -154,12 +154,12 @@ def test_a_dataframe_with_other_names_is_read(table):
     assert same == again
     with pytest.raises(rosette.InvalidData, match=r"if these are ball centres: columns=\{'table': 'Tisch', .*radius"):
         rosette.read(own.drop(columns='table_angle_deg'))
-    with pytest.raises(rosette.InvalidData, match='wanted the column T of --columns, got Tisch,Kugel'):
+    with pytest.raises(rosette.InvalidData, match='expected the column T of --columns, found Tisch,Kugel'):
         rosette.read(own, {**columns, 'table': 'T'})
-    with pytest.raises(rosette.InvalidData, match=r"got a,b; if these are ball centres: columns=\{'table': '...'"):
+    with pytest.raises(rosette.InvalidData, match=r"found a,b; if these are ball centres: columns=\{'table': '...'"):
         rosette.read({'a': [1], 'b': [2]})
     for wrong in (pandas.DataFrame([[1, 2]]), None, 3):
-        with pytest.raises(rosette.InvalidData, match='wanted a DataFrame, or columns by name, got'):
+        with pytest.raises(rosette.InvalidData, match='expected a DataFrame, or columns by name, found'):
             rosette.read(wrong)
 
 
@@ -225,11 +225,11 @@ def test_a_laboratory_adds_effects_and_readers_by_entry_points(tmp_path, table):
 
 def test_own_effects_and_readers_of_this_process(table, monkeypatch):
     """A name that the library has is refused, and what is no effect."""
-    with pytest.raises(rosette.InvalidModel, match='own effect: wanted a PhysicalEffect, got str'):
+    with pytest.raises(rosette.InvalidModel, match='own effect: expected a PhysicalEffect, found str'):
         rosette.add_effect('frame_drift')
     twin = rosette.PhysicalEffect('frame_drift', rosette.motions.TableAxial(), rosette.courses.Drift(),
                                   rosette.Quantity('d', 'm/s', 'rate'), meaning='Another one.')
-    with pytest.raises(rosette.InvalidModel, match='own effect frame_drift: wanted another name'):
+    with pytest.raises(rosette.InvalidModel, match='own effect frame_drift: expected another name'):
         rosette.add_effect(twin)
     rosette.add_reader('.Lab', lambda path: (pandas.read_csv(path, comment='#'), {'radius_mm': 182.5}))
     copy = table.with_suffix('.lab')
@@ -240,5 +240,5 @@ def test_own_effects_and_readers_of_this_process(table, monkeypatch):
 def test_a_package_that_is_missing_is_named(monkeypatch, found):
     """pandas, where a DataFrame is asked for."""
     monkeypatch.setitem(sys.modules, 'pandas', None)
-    with pytest.raises(rosette.PackageMissing, match='to_frame: wanted the Python package pandas, got none; pip'):
+    with pytest.raises(rosette.PackageMissing, match='to_frame: expected the Python package pandas, found none; pip'):
         found.to_frame()

@@ -93,7 +93,7 @@ def test_views_unfold_what_a_row_holds(archive):
 @pytest.mark.parametrize('question', [Question({}, since='yesterday'), Question({}, until='2026-13-01')])
 def test_what_is_no_time_is_refused(archive, question):
     """In one line."""
-    with pytest.raises(InvalidData, match='wanted a day or a time such as 2026-04-12, got'):
+    with pytest.raises(InvalidData, match='expected a day or a time such as 2026-04-12, found'):
         ask_for(archive, question)
 
 
@@ -171,8 +171,9 @@ def test_the_verb_answers_in_three_forms(archive, capsys):
         'schema': 'rosette-archive-query/1', 'columns': ['ctx_m'], 'rows': [{'ctx_m': [0.0] * N}]}
     assert main([*words, '--problems', '--csv']) == 0
     assert capsys.readouterr().out == 'path,problem\n/logs/bad,is empty\n'
-    for wrong, said in ((['SELECT'], 'Parser Error'), (['SELECT 1', '--table', 'T1'], 'wanted SQL or a ready question'),
-                        ([' '], 'wanted a question (SELECT ...)')):
+    for wrong, said in ((['SELECT'], 'Parser Error'), (['SELECT 1', '--table', 'T1'], 'expected SQL or a ready '
+                                                                                      'question'),
+                        ([' '], 'expected a question (SELECT ...)')):
         assert main([*words, *wrong]) == 2
         err = capsys.readouterr().err
         assert said in err and err.count('\n') == 1

@@ -176,7 +176,7 @@ def test_damaged_and_foreign_files_are_rows(logs, tmp_path):
     assert set(found) == {'corrupt.mcap', 'truncated.mcap', 'foreign.csv', 'empty.mcap'}
     assert all(words and '\n' not in words and str(folder) not in words for words in found.values())
     assert 'is empty' in found['empty.mcap']
-    assert 'wanted' in found['foreign.csv'] and 'is not an MCAP file' in found['corrupt.mcap']
+    assert 'expected' in found['foreign.csv'] and 'is not an MCAP file' in found['corrupt.mcap']
     (folder / 'truncated.mcap').write_bytes(whole)
     assert add_logs(archive, find_logs([str(folder)]), PlainLoop()).evaluated == 1
     assert sorted(row['problem'] == '' for row in archive.read_rows().to_pylist()) == [False] * 3 + [True]
@@ -204,7 +204,7 @@ def test_a_file_that_cannot_be_read_is_tried_again(archive, tmp_path, monkeypatc
     for _ in range(2):
         assert add_logs(archive, found, PlainLoop()).problems == 1
     [row] = archive.read_rows(where="problem <> ''").to_pylist()
-    assert row['problem'].startswith('wanted a log that can be read, got: No such file')
+    assert row['problem'].startswith('expected a log that can be read, found: No such file')
     (tmp_path / 'a.csv').rename(tmp_path / 'gone' / 'a.csv')
     assert add_logs(archive, found, PlainLoop()).evaluated == 1
     assert archive.read_rows(where="problem <> ''").num_rows == 0
@@ -221,9 +221,9 @@ def test_logs_behind_a_url(logs, archive, tmp_path):
     assert (added.found, added.copies, added.evaluated) == (2, 1, 1)
     [row] = archive.read_rows(where="starts_with(path, 'memory')").to_pylist()
     assert (row['path'], row['n']) == ('memory:///cell/a.csv', BALLS)
-    with pytest.raises(InvalidData, match='nosuch://x: wanted a folder of logs, or a log, got: Protocol not known'):
+    with pytest.raises(InvalidData, match='nosuch://x: expected a folder of logs, or a log, found: Protocol not known'):
         find_logs(['nosuch://x'])
-    with pytest.raises(InvalidData, match='wanted a folder of logs, or a log, got: no such file or folder'):
+    with pytest.raises(InvalidData, match='expected a folder of logs, or a log, found: no such file or folder'):
         find_logs([str(tmp_path / 'nothing')])
 
 
@@ -253,7 +253,7 @@ def test_what_is_no_log_is_passed_over(logs, tmp_path):
     (tmp_path / 'packed').mkdir()
     (tmp_path / 'packed' / 'x_0.mcap.zstd').write_bytes(b'x')
     assert [Path(log.path).name for log in find_logs([str(tmp_path)])] == [tmp_path.name, 'packed']
-    with pytest.raises(InvalidData, match='pipe.mcap: wanted a folder of logs, or a log, got a device, a pipe'):
+    with pytest.raises(InvalidData, match='pipe.mcap: expected a folder of logs, or a log, found a device, a pipe'):
         find_logs([str(tmp_path / 'pipe.mcap')])
 
 
@@ -279,7 +279,7 @@ def test_a_read_only_archive_is_refused_before_anything_is_evaluated(logs, archi
             raise OSError(30, 'Read-only file system')
         return real(path, flags, *mode, **more)
     monkeypatch.setattr(os, 'open', read_only)
-    with pytest.raises(InvalidData, match='wanted an archive that can be written, got: Read-only file system'):
+    with pytest.raises(InvalidData, match='expected an archive that can be written, found: Read-only file system'):
         add_logs(archive, find_logs([str(logs)]), NoEngine(), CREEP)
 
 
@@ -296,14 +296,14 @@ def test_no_scheduler_is_told_in_one_line(logs, archive, monkeypatch):
     """After ten seconds; here after less."""
     monkeypatch.setattr('rosette_ros.archive.engines.PATIENCE', 0.5)
     with (DaskEngine(f'tcp://127.0.0.1:{free_port()}') as engine,
-          pytest.raises(InvalidConfig, match='wanted a Dask scheduler such as tcp://host:8786, got: ')):
+          pytest.raises(InvalidConfig, match='expected a Dask scheduler such as tcp://host:8786, found: ')):
         add_logs(archive, find_logs([str(logs)]), engine, CREEP)
 
 
 @pytest.mark.parametrize('address', ['foo', 'tcp', '/tmp/scheduler'])
 def test_a_scheduler_without_a_port_is_told_in_one_line(address):
-    with pytest.raises(InvalidConfig, match=f'--scheduler {address}: wanted the address of a Dask scheduler such as '
-                                            'tcp://host:8786, got one without a port'):
+    with pytest.raises(InvalidConfig, match=f'--scheduler {address}: expected the address of a Dask scheduler such as '
+                                            'tcp://host:8786, found one without a port'):
         DaskEngine(address)
 
 
@@ -375,5 +375,5 @@ def free_port():
 def test_settings_of_dask_that_are_none_are_told_in_one_line():
     """They come from the environment or a file of another program."""
     with dask.config.set({'distributed.comm.timeouts.connect': 'abc'}), DaskEngine(workers=1) as engine, pytest.raises(
-            InvalidConfig, match="Dask: wanted workers on this computer, got none: .*'Invalid time unit: abc"):
+            InvalidConfig, match="Dask: expected workers on this computer, found none: .*'Invalid time unit: abc"):
         _ = engine.client

@@ -71,7 +71,7 @@ def test_what_is_no_file_among_the_parts_is_named_and_left_out(archive, row, kin
     assert archive.read_rows().num_rows == 1
     assert archive.join_small() == ''
     assert [one.getMessage() for one in caplog.records] == [
-        f'{path}: left out: wanted a file, got a device or a pipe']
+        f'{path}: left out: expected a file, found a device or a pipe']
 
 
 def test_of_two_rows_of_a_run_the_later_counts(archive, row):
@@ -133,9 +133,10 @@ def test_a_full_disk_leaves_what_was_there(archive, row, monkeypatch):
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    (json.dumps({'schema': 'rosette-archive/2'}), "wanted an archive of rosette-archive/1, got 'rosette-archive/2'"),
-    ('[]', 'wanted JSON with "schema": "rosette-archive/1"'),
-    (None, f'wanted an archive, got a folder without {MARK}')])
+    (json.dumps({'schema': 'rosette-archive/2'}), "expected an archive of rosette-archive/1, found "
+                                                  "'rosette-archive/2'"),
+    ('[]', 'expected JSON with "schema": "rosette-archive/1"'),
+    (None, f'expected an archive, found a folder without {MARK}')])
 def test_what_is_no_archive_is_refused(archive, text, words):
     """Of a newer version, damaged, or something else."""
     mark = archive.folder / MARK
@@ -150,7 +151,7 @@ def test_what_is_no_archive_is_refused(archive, text, words):
 def test_a_folder_of_other_files_is_not_made_an_archive(tmp_path):
     """It may be a folder of logs that was named in the wrong place."""
     (tmp_path / 'run.csv').touch()
-    with pytest.raises(InvalidData, match='wanted an archive or an empty folder, got a folder of other files'):
+    with pytest.raises(InvalidData, match='expected an archive or an empty folder, found a folder of other files'):
         RunArchive(tmp_path, make=True)
 
 

@@ -91,7 +91,7 @@ def test_what_is_left_out_is_left_out_of_the_diagnosis(monkeypatch):
     assert work(drift)['judged'] == work(Trial('white', 1, orders=('row',)))['judged'] == 'right'
     assert asked == [{'without': 'frame_drift'}, {'without': ''}]
     told = work(Trial('left_out', 1, ('frame_drift',), 16.0, orders=('row',), left_out='frame_drift'))
-    assert 'wanted an order that shows it, got visible shares' in told['skipped'] and len(asked) == 2
+    assert 'expected an order that shows it, found visible shares' in told['skipped'] and len(asked) == 2
 
 
 def test_old_and_new_are_compared_on_the_same_runs():
@@ -130,7 +130,7 @@ def test_shares_are_checked(share, capsys):
     """A part of the runs is one of so many."""
     with pytest.raises(SystemExit):
         main(['--share', share])
-    assert f'wanted K/M with 1 ≤ K ≤ M, got {share}' in capsys.readouterr().err
+    assert f'expected K/M with 1 ≤ K ≤ M, found {share}' in capsys.readouterr().err
 
 
 def test_a_page_without_marks_is_refused(tmp_path):

@@ -92,7 +92,7 @@ def test_a_cause_is_hidden_in_every_order():
         run, truth = trial.run()
         assert len(set(run.cells)) < run.size and truth.order == 'there_and_back'
         assert np.linalg.norm(visible_part(run, truth.shift)) == pytest.approx(16 * SIGMA)
-    with pytest.raises(NotShown, match='wanted an order that shows it'):
+    with pytest.raises(NotShown, match='expected an order that shows it'):
         next(one for one in crossed if one.kinds == ('oil_film',) and one.orders == ('diagonal',)).run()
 
 
@@ -125,7 +125,7 @@ def test_trials_depend_on_their_name_alone():
     run, truth = one.run()
     again, same = pickle.loads(pickle.dumps(one)).run()
     assert run == again and np.array_equal(truth.shift, same.shift) and set(truth.hidden) == set(one.kinds)
-    with pytest.raises(ValueError, match='wanted some of white, .* got grey'):
+    with pytest.raises(ValueError, match='expected some of white, .* got grey'):
         trials(['grey'])
     assert {trial.set for trial in every} == set(SETS)
 
@@ -147,7 +147,7 @@ CAUSE = replace(TRUTH, hidden=(), part=('frame_step',), family=('frame_drift',),
 OUTLIER = replace(TRUTH, hidden=('outlier',), readings=(5, 9), stray=(9,))
 
 
-@pytest.mark.parametrize(('truth', 'given', 'left', 'wanted'), [
+@pytest.mark.parametrize(('truth', 'given', 'left', 'expected'), [
     (TRUTH, answer(claim('plate_slip'), claim('frame_drift')), 0, 'right'),
     (TRUTH, answer(claim('frame_step', 'plate_slip'), claim('frame_drift')), 0, 'right'),
     (TRUTH, answer(claim('plate_slip'), claim('plate_slip')), 0, 'incomplete'),
@@ -181,7 +181,7 @@ def test_a_claim_is_true_by_its_own_name():
         True, False, False]
 
 
-@pytest.mark.parametrize(('told', 'wanted'), [
+@pytest.mark.parametrize(('told', 'expected'), [
     ([[['table angle', 'ball']]], True), ([[['CMM position', 'ball']]], True), ([[['ball']]], False),
     ([[['table angle', 'ball', 'time']]], False), ([[['ball'], ['ball', 'table angle']]], True), ([], False),
     ([[['ball', 'table angle']], [['time']]], False)])
@@ -199,7 +199,7 @@ TILT = replace(CAUSE, body=('table axis tilting',), variables=said('time'))
 BALL = replace(CAUSE, body=('plate',), variables=said('ball + table angle'))
 
 
-@pytest.mark.parametrize(('truth', 'given', 'wanted'), [
+@pytest.mark.parametrize(('truth', 'given', 'expected'), [
     (TILT, level('table axis tilting', 'temperature', 'time'), 'complete'),
     (TILT, level('table axis tilting', 'travel'), 'wrong'),
     (TILT, level('plate tilting', 'time'), 'wrong'),

@@ -100,8 +100,8 @@ def test_settings_of_a_log_that_name_no_readings_are_refused(text):
     """In one line."""
     with pytest.raises(InvalidConfig) as caught:
         plan_of({**SETTINGS, 'plate.balls': 3, 'added': text})
-    assert str(caught.value).startswith('added: wanted readings that were added to the plan: table position, ball')
-    assert str(caught.value).endswith(f'got {text!r:.80}')
+    assert str(caught.value).startswith('added: expected readings that were added to the plan: table position, ball')
+    assert str(caught.value).endswith(f'found {text!r:.80}')
 
 
 @pytest.mark.parametrize('change', [{'ball': [0, 1]}, {'approach': [0, 1]}, {'wait': [-1.0, 0.0]}, {'wait': [1.0]},
@@ -109,13 +109,13 @@ def test_settings_of_a_log_that_name_no_readings_are_refused(text):
 def test_a_block_that_cannot_be_measured_is_refused(change):
     """An evaluator may be foreign."""
     columns = {name: getattr(BLOCK_1, name) for name in BLOCK}
-    with pytest.raises(InvalidPlan, match=r'readings that are added: wanted table position and ball in 1\.\.3, appr'):
+    with pytest.raises(InvalidPlan, match=r'readings that are added: expected table position and ball in 1\.\.3, appr'):
         block_of(3, {**columns, **change})
 
 
 @pytest.mark.parametrize(('readings', 'wait', 'words'), [
-    (6, 0.0, 'wanted at most 5, with waits of at most 0 s, 2 times as long as the run has taken, got 6 with waits'),
-    (2, 3600.0, 'got 2 with waits of 3600 s')])
+    (6, 0.0, 'expected at most 5, with waits of at most 0 s, 2 times as long as the run has taken, found 6 with waits'),
+    (2, 3600.0, 'found 2 with waits of 3600 s')])
 def test_a_block_beyond_what_was_asked_for_is_refused(readings, wait, words):
     """Whatever an evaluator says: the cell measured 60 readings where 6 were allowed, and stood still for a day."""
     sequence = make()
@@ -153,14 +153,14 @@ def test_results_of_the_same_readings_are_kept(is_settling):
     assert of_kind(commands, Verify) == [Verify(results_of(sequence))]
     (end,) = of_kind(sequence.verified([]), Finish)
     assert end.phase is Phase.DONE
-    assert end.text.endswith('not settled: wanted error motions from the evaluator within '
-                             f'{LIMITS.evaluation_timeout:g} s, got none' if is_settling else 'settled: warm-up')
+    assert end.text.endswith('not settled: expected error motions from the evaluator within '
+                             f'{LIMITS.evaluation_timeout:g} s, found none' if is_settling else 'settled: warm-up')
 
 
 def test_a_plate_has_a_largest_size():
     """Said before anything is measured."""
     values = {**SETTINGS, 'plate.balls': 73}
-    with pytest.raises(InvalidPlan, match='^until: wanted at most 72 balls, got 73: '):
+    with pytest.raises(InvalidPlan, match='^until: expected at most 72 balls, found 73: '):
         make_job(Request('calibrate', {'until_probability': 0.95}), values, ())
     make_job(Request('calibrate'), values, ())
 
@@ -317,12 +317,13 @@ def test_targets_of_a_block_that_no_event_names_are_of_the_plan():
 
 
 @pytest.mark.parametrize('goal, words', [
-    ({'until_probability': 0.5}, 'until.probability: wanted a number above 0.5 and below 1, or 0 for none, got 0.5'),
-    ({'until_probability': 1.0}, 'until.probability: wanted a number above 0.5 and below 1, or 0 for none, got 1'),
-    ({'until_probability': 95.0}, 'goal: until.probability: wanted a number in 0 .. 1'),
-    ({'until_probability': float('nan')}, 'goal: until.probability: wanted a number in 0 .. 1'),
-    ({'until_uncertainty': -1e-6}, 'goal: until.uncertainty_m: wanted a number in 0 .. 1'),
-    ({'most_readings': 60}, 'goal: most_readings: wanted until_probability or until_uncertainty beside it, got '),
+    ({'until_probability': 0.5}, 'until.probability: expected a number above 0.5 and below 1, or 0 for none, found '
+                                 '0.5'),
+    ({'until_probability': 1.0}, 'until.probability: expected a number above 0.5 and below 1, or 0 for none, found 1'),
+    ({'until_probability': 95.0}, 'goal: until.probability: expected a number in 0 .. 1'),
+    ({'until_probability': float('nan')}, 'goal: until.probability: expected a number in 0 .. 1'),
+    ({'until_uncertainty': -1e-6}, 'goal: until.uncertainty_m: expected a number in 0 .. 1'),
+    ({'most_readings': 60}, 'goal: most_readings: expected until_probability or until_uncertainty beside it, found '),
 ])
 def test_what_cannot_be_meant_is_refused(goal, words):
     """In one line, before anything is measured."""

@@ -187,11 +187,11 @@ def test_answers_attempts_and_session_are_found_in_the_log():
     assert found.session == 3
 
 
-@pytest.mark.parametrize(('changed', 'got'), [
-    ({'ball': [3, 3]}, 'target 1: wanted target 1 (table position 1, ball 1) as planned, the log has table '
+@pytest.mark.parametrize(('changed', 'found'), [
+    ({'ball': [3, 3]}, 'target 1: expected target 1 (table position 1, ball 1) as planned, the log has table '
                        'position 1, ball 3 of 3'),
     ({'balls': [3, 4]}, 'target 2'), ({'radius': [0.1, 0.2]}, 'target 2'), ({'phase': [1, 3]}, 'target 2'),
-    ({'seq': [1, 99]}, f'target 99: wanted one of {PLAN.total} targets')])
+    ({'seq': [1, 99]}, f'target 99: expected one of {PLAN.total} targets')])
 def test_a_log_of_another_plan_is_refused(changed, got):
     """Its answers would stand at the wrong places."""
     with pytest.raises(CellError) as error:
@@ -205,7 +205,7 @@ def test_settings_survive_the_log():
     found = parse_settings(format_settings(SETTINGS), 'here')
     assert found == {wanted.name: SETTINGS[wanted.name] for wanted in PLANNED}
     refuse_other_plan({'order': 'interleaved', 'limits.attempts': 1}, found, 'a')
-    with pytest.raises(CellError, match="order: wanted 'interleaved' as the run began, got 'row'; leave it out"):
+    with pytest.raises(CellError, match="order: expected 'interleaved' as the run began, found 'row'; leave it out"):
         refuse_other_plan({'order': 'row'}, found, 'a')
 
 
@@ -236,5 +236,6 @@ def test_a_run_of_a_plan_is_resumed_with_that_plan_alone():
     """Another plan, or an order, is refused in one short line."""
     planned = parse_settings(f'{format_settings(SETTINGS)}plan: {json.dumps(OWN)}\n', 'log')
     refuse_other_plan({'plan': OWN}, planned, RUN_ID)
-    with pytest.raises(CellError, match='run run_a: plan: wanted the one as the run began, got another; leave it out'):
+    with pytest.raises(CellError, match='run run_a: plan: expected the one as the run began, found another; leave it '
+                                        'out'):
         refuse_other_plan({'plan': OWN.replace('radius_mm: 100', 'radius_mm: 101')}, planned, RUN_ID)

@@ -42,7 +42,7 @@ POINT = Wanted('origin', (0.0, 0.0, 0.0), 'origin, m', -1.0, 1.0)
 FLAG = Wanted('check', True, 'whether')
 
 
-@pytest.mark.parametrize(('wanted', 'given', 'taken'), [
+@pytest.mark.parametrize(('expected', 'given', 'taken'), [
     (WHOLE, 5, 5), (WHOLE, 5.0, 5), (REAL, 1, 1.0), (WORD, 'column', 'column'),
     (POINT, [0, 1, -1.0], (0.0, 1.0, -1.0)), (FLAG, False, False)])
 def test_sensible_values_are_taken_in_the_right_type(wanted, given, taken):
@@ -52,15 +52,15 @@ def test_sensible_values_are_taken_in_the_right_type(wanted, given, taken):
     assert type(got) is type(wanted.default)
 
 
-@pytest.mark.parametrize(('wanted', 'given', 'words'), [
-    (WHOLE, 2, r'here: balls: wanted a whole number in 3 \.\. 1000 \(number of balls\), got 2'),
-    (WHOLE, 5.5, 'got 5.5'), (WHOLE, '5', "got '5'"), (WHOLE, True, 'got True'),
-    (REAL, math.nan, r'wanted a number in 0\.001 \.\. 10 \(radius, m\), got nan'),
-    (REAL, math.inf, 'got inf'), (REAL, 11.0, 'got 11.0'), (REAL, None, 'got None'),
-    (WORD, 'rows', "wanted one of row, column .*, got 'rows'"),
-    (POINT, [0, 0], r'wanted a list of 3 numbers in -1 \.\. 1'), (POINT, '000', "got '000'"),
-    (POINT, [0, 0, math.nan], 'nan'), (POINT, 3, 'got 3'),
-    (FLAG, 1, 'wanted true or false .*, got 1'), (FLAG, 'yes', "got 'yes'")])
+@pytest.mark.parametrize(('expected', 'given', 'words'), [
+    (WHOLE, 2, r'here: balls: expected a whole number in 3 \.\. 1000 \(number of balls\), found 2'),
+    (WHOLE, 5.5, 'found 5.5'), (WHOLE, '5', "found '5'"), (WHOLE, True, 'found True'),
+    (REAL, math.nan, r'expected a number in 0\.001 \.\. 10 \(radius, m\), found nan'),
+    (REAL, math.inf, 'found inf'), (REAL, 11.0, 'found 11.0'), (REAL, None, 'found None'),
+    (WORD, 'rows', "expected one of row, column .*, found 'rows'"),
+    (POINT, [0, 0], r'expected a list of 3 numbers in -1 \.\. 1'), (POINT, '000', "found '000'"),
+    (POINT, [0, 0, math.nan], 'nan'), (POINT, 3, 'found 3'),
+    (FLAG, 1, 'expected true or false .*, found 1'), (FLAG, 'yes', "found 'yes'")])
 def test_other_values_are_refused_in_words(wanted, given, words):
     """The words say where, what was wanted and what came."""
     with pytest.raises(InvalidConfig, match=words):
@@ -75,14 +75,14 @@ def test_options_change_a_calibration():
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('repeat: 5', "options: wanted one of turning, .*, got 'repeat'; did you mean 'repeats'"),
-    ('repeats: -1', r'options: repeats: wanted a whole number in 0 \.\. 10000'),
-    ('repeats', 'wanted a YAML mapping such as "repeats: 5", got \'repeats\''),
-    ('a: [', 'options: wanted YAML, got text that is none: line 2'),
+    ('repeat: 5', "options: expected one of turning, .*, found 'repeat'; did you mean 'repeats'"),
+    ('repeats: -1', r'options: repeats: expected a whole number in 0 \.\. 10000'),
+    ('repeats', 'expected a YAML mapping such as "repeats: 5", found \'repeats\''),
+    ('a: [', 'options: expected YAML, found text that is none: line 2'),
     ('!!python/object/apply:os.system [true]', 'text that is none'),
-    ('turning: sideways', 'wanted one of forward, alternate'),
-    ('x' * 10_001, 'wanted at most 10000 characters, got 10001'),
-    ('&a [*a]', 'options: line 1: wanted plain YAML, got an alias'),
+    ('turning: sideways', 'expected one of forward, alternate'),
+    ('x' * 10_001, 'expected at most 10000 characters, found 10001'),
+    ('&a [*a]', 'options: line 1: expected plain YAML, found an alias'),
 ])
 def test_bad_options_are_refused_in_words(text, words):
     """No name is guessed, no code is run."""
@@ -120,11 +120,11 @@ def test_every_field_of_a_goal_changes_its_setting():
 
 
 @pytest.mark.parametrize(('fields', 'words'), [
-    ({'order': 'circle'}, r"goal: order: wanted one of row.*got 'circle'"),
-    ({'balls': 2}, r'goal: plate.balls: wanted a whole number in 3 \.\. 1000'),
-    ({'radius': -0.1}, 'goal: plate.radius_m: wanted a number'), ({'repeats': -2}, 'goal: repeats: .*got -2'),
-    ({'drift_check': 3}, 'goal: drift_check: wanted true or false'),
-    ({'skips': 1, 'options': 'limits.skips: 2'}, 'options: limits.skips: wanted it once, got it in the fields'),
+    ({'order': 'circle'}, r"goal: order: expected one of row.*got 'circle'"),
+    ({'balls': 2}, r'goal: plate.balls: expected a whole number in 3 \.\. 1000'),
+    ({'radius': -0.1}, 'goal: plate.radius_m: expected a number'), ({'repeats': -2}, 'goal: repeats: .*got -2'),
+    ({'drift_check': 3}, 'goal: drift_check: expected true or false'),
+    ({'skips': 1, 'options': 'limits.skips: 2'}, 'options: limits.skips: expected it once, found it in the fields'),
 ])
 def test_bad_fields_are_refused_in_words(fields, words):
     """Each by the name of its setting."""
@@ -243,11 +243,11 @@ def test_a_plate_file_decides_radius_and_balls(tmp_path, by_path):
 
 
 @pytest.mark.parametrize(('goal', 'words'), [
-    ({'plate': PLATE, 'balls': 12}, 'ball 5: wanted it within 1 mm of a multiple of 30 deg, the step of 12 table '),
-    ({'plate': PLATE.replace('[0, 30', '[10, 30'), 'balls': 36}, 'wanted a ball at azimuth 0, from which balls are'),
-    ({'plate': PLATE, 'balls': 36, 'cmm_positions': '8'}, 'cmm_positions: wanted none beside a plate file'),
+    ({'plate': PLATE, 'balls': 12}, 'ball 5: expected it within 1 mm of a multiple of 30 deg, the step of 12 table '),
+    ({'plate': PLATE.replace('[0, 30', '[10, 30'), 'balls': 36}, 'expected a ball at azimuth 0, from which balls are'),
+    ({'plate': PLATE, 'balls': 36, 'cmm_positions': '8'}, 'cmm_positions: expected none beside a plate file'),
     ({'plate': PLATE.replace('130', '120'), 'balls': 36}, '1, 4, 7, 10, 13, .* of 36 do not determine the curves'),
-    ({'plate': 'no-such.yaml', 'balls': 36}, 'goal: plate.file: wanted the lines of a file, got .no-such')])
+    ({'plate': 'no-such.yaml', 'balls': 36}, 'goal: plate.file: expected the lines of a file, found .no-such')])
 def test_plates_that_cannot_be_measured_are_refused(goal, words):
     """In one line."""
     with pytest.raises(RosetteError, match=words):
@@ -276,5 +276,5 @@ def test_who_what_and_where_travel_in_the_settings_of_the_log(tmp_path):
     path.write_text('schema: rosette-identity/1\ntable: {serial: "T-2"}\n')
     resumed = with_identity({**DEFAULTS, 'identity': str(path)} | parse_settings(format_settings(values), 'log'))
     assert resumed == values
-    with pytest.raises(RosetteError, match=r'no.yaml: wanted an identity file that can be read'):
+    with pytest.raises(RosetteError, match=r'no.yaml: expected an identity file that can be read'):
         with_identity({**DEFAULTS, 'identity': str(tmp_path / 'no.yaml')})

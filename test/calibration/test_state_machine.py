@@ -97,21 +97,21 @@ def test_late_evaluation_ends_the_run():
     assert sequence.tick(4.9) == ()
     end = sequence.tick(5.0)[-1]
     assert end.phase is Phase.FAILED
-    assert 'wanted error motions from the evaluator within 5 s' in end.text
+    assert 'expected error motions from the evaluator within 5 s' in end.text
     assert end.text.endswith('offline; 2 nodes publish ball_centre for a while: it may hold answers of both')
 
 
 UNUSABLE = [
     ({'status': 1, 'text': 'collision'}, 'the CMM reports: collision'),
     ({'status': 1}, 'the CMM reports: failed, without a reason'),
-    ({'centre': (np.nan, 0.0, 0.0)}, 'wanted finite numbers, got centre \\(nan'),
+    ({'centre': (np.nan, 0.0, 0.0)}, 'expected finite numbers, found centre \\(nan'),
     ({'table_angle': np.inf}, 'table_angle inf'),
-    ({'ball': 2}, 'wanted table position, ball, CMM position \\(1, 1, 1\\), got \\(1, 2, 1\\)'),
-    ({'table_position': 3}, 'got \\(3, 1, 1\\)'),
-    ({'cmm_position': 2}, 'got \\(1, 1, 2\\)'),
-    ({'frame_id': 'world'}, "wanted frame_id 'machine' or 'table', got 'world'"),
-    ({'table_angle': 0.02}, 'wanted the table within 0.01 rad of 0.000000 rad, got 0.020000'),
-    ({'centre': (0.5, 0.2, 0.0)}, 'wanted a ball within 20 mm of the target, got 300'),
+    ({'ball': 2}, 'expected table position, ball, CMM position \\(1, 1, 1\\), found \\(1, 2, 1\\)'),
+    ({'table_position': 3}, 'found \\(3, 1, 1\\)'),
+    ({'cmm_position': 2}, 'found \\(1, 1, 2\\)'),
+    ({'frame_id': 'world'}, "expected frame_id 'machine' or 'table', found 'world'"),
+    ({'table_angle': 0.02}, 'expected the table within 0.01 rad of 0.000000 rad, found 0.020000'),
+    ({'centre': (0.5, 0.2, 0.0)}, 'expected a ball within 20 mm of the target, found 300'),
 ]
 
 
@@ -175,7 +175,7 @@ def test_after_the_alignment_the_tolerance_is_smaller():
     while ask.phase is not Phase.RUN:
         assert complaint(moved(answer_to(ask), 0, 0, 0.01), ask, LIMITS) is None
         ask = last_ask(sequence.answer(answer_to(ask), 0.0))
-    assert 'within 5 mm of the target, got 10.000 mm' in remark_words(
+    assert 'within 5 mm of the target, found 10.000 mm' in remark_words(
         complaint(moved(answer_to(ask), 0, 0, 0.01), ask, LIMITS))
 
 
@@ -198,7 +198,7 @@ def test_a_cmm_whose_frames_change_with_the_targets_ends_the_run():
     while ask:
         commands = sequence.answer(answer_to(ask, 'table' if ask.seq % 2 else 'machine'), 0.0)
         ask = last_ask(commands)
-    assert re.search("wanted all centres in '(machine|table)' as most, got others before", commands[-1].text)
+    assert re.search("expected all centres in '(machine|table)' as most, found others before", commands[-1].text)
     again = Sequence(sequence.run_id, sequence.plan, sequence.limits, sequence.answers)
     run_through(again)
     assert again.phase is Phase.EVALUATION

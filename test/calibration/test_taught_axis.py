@@ -47,9 +47,10 @@ def test_what_is_no_axis_is_refused_in_one_line(given):
     with pytest.raises(InvalidConfig) as caught:
         AXIS.check(given, 'node sequencer: parameter')
     words = str(caught.value)
-    assert words.startswith('node sequencer: parameter: table.axis: wanted a list of 3 numbers in -1e+06 .. 1e+06, not '
+    assert words.startswith('node sequencer: parameter: table.axis: expected a list of 3 numbers in -1e+06 .. 1e+06, '
+                            'not '
                             'all 0 (direction of the table axis in machine coordinates, about which table and balls')
-    assert words.endswith(f'got {given!r}')
+    assert words.endswith(f'found {given!r}')
 
 
 def test_the_axis_travels_with_the_settings():
@@ -106,7 +107,7 @@ def test_a_table_that_turns_the_other_way_is_told():
     sequence = Sequence('run_a', plan, Limits(attempts=1))
     end = answered(sequence, true)[-1]
     assert isinstance(end, Finish)
-    assert end.text.startswith('target 4 (table position 2, ball 1): asked once, last: wanted a ball within 20 mm')
+    assert end.text.startswith('target 4 (table position 2, ball 1): asked once, last: expected a ball within 20 mm')
     assert ('; ball 1 is where it was taught at table angle 0: check that the table counts counter-clockwise about '
             'table.axis, taught as (0, 0, -1)') in end.text
     assert '\n' not in end.text
@@ -117,8 +118,8 @@ def test_another_axis_than_taught_ends_the_run_in_one_line():
     plan = plan_of({**values((1, 0, 1)), 'plate.radius_m': 0.03})
     sequence = Sequence('run_a', plan, Limits(search=0.1))
     end = answered(sequence, taught_frame(ORIGIN, (1, 0, 0), 0.0))[-1]
-    assert end == Finish(Phase.FAILED, 'alignment: wanted the table to turn counter-clockwise about the taught axis '
-                         '(0.707, 0, 0.707), got (1, 0, 0) from the ball centres; correct table.axis')
+    assert end == Finish(Phase.FAILED, 'alignment: expected the table to turn counter-clockwise about the taught axis '
+                         '(0.707, 0, 0.707), found (1, 0, 0) from the ball centres; correct table.axis')
 
 
 def test_an_outlier_of_the_first_ball_does_not_blame_the_axis():
@@ -142,7 +143,7 @@ def test_a_table_whose_angle_counts_the_other_way(n, correction):
     refuse_other_sense(table_frame(right, plane), right, plane)
     refuse_other_sense(table_frame(right, plane), right[:-1], plane)  # not every position: nothing is said
     with pytest.raises(NotDeterminable, match=(
-            r'wanted ball 1 at one place of the plate as the table turns, got places \d+ um apart, and balls to '
+            r'expected ball 1 at one place of the plate as the table turns, found places \d+ um apart, and balls to '
             r'[\d.e+-]+ um for a table that turns the other way; correct the sense in which the angle of the table '
             r'counts \(I\+\+: table.sign\), or table.axis')):
         refuse_other_sense(table_frame(wrong, plane), wrong, plane)

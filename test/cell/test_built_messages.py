@@ -25,7 +25,7 @@ def test_the_build_of_these_definitions_is_fine(trees):
 def test_a_changed_definition(trees):
     definitions, environment = trees
     (definitions / 'action' / 'Calibrate.action').write_text('bool changed\n---\n---\n')
-    with pytest.raises(CellError, match=r'wanted rosette_msgs as .*/msg_defs defines it, got a build in .*'
+    with pytest.raises(CellError, match=r'expected rosette_msgs as .*/msg_defs defines it, found a build in .*'
                                         r'rosette_msgs in which Calibrate.action differs: run make setup'):
         check_messages(definitions, environment)
 

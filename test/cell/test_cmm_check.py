@@ -180,7 +180,7 @@ def test_a_sound_cmm_passes_every_check(check):
     ('answers', 'these are millimetres, give metres', changed(
         centre__x=lambda answer, _: 1e3 * answer.centre.x, centre__y=lambda answer, _: 1e3 * answer.centre.y,
         centre__z=lambda answer, _: 1e3 * answer.centre.z)),
-    ('answers', "wanted frame_id 'machine' or 'table', got 'base_link'", changed(
+    ('answers', "expected frame_id 'machine' or 'table', found 'base_link'", changed(
         header__frame_id=lambda *_: 'base_link')),
     ('resolution', 'readings are rounded to 10 µm; give every digit that the CMM has', changed(
         centre__x=lambda answer, _: round(answer.centre.x, 6), centre__y=lambda answer, _: round(answer.centre.y, 6),
@@ -198,7 +198,7 @@ def test_a_mistake_fails_its_check(check, failed, words, mistake):
 
 @pytest.mark.parametrize(('points', 'passed', 'words'), [
     (lambda centre: centre + 0.01 * DIRECTIONS, True, '6 a ball, spheres of radius 10.0000 to 10.0000 mm, centres '),
-    (lambda centre: centre + 0.01 * DIRECTIONS + 1e-5, False, 'centres 17 µm from the answers; wanted at most 1 µm'),
+    (lambda centre: centre + 0.01 * DIRECTIONS + 1e-5, False, 'centres 17 µm from the answers; expected at most 1 µm'),
     (lambda centre: (centre + 0.01 * DIRECTIONS)[:3], False, 'less than 4 for 12 of 12 answers'),
     (lambda centre: np.tile(centre, (6, 1)), False, 'they lie on no sphere'),
 ])
@@ -218,7 +218,7 @@ def test_a_recovery_needs_no_sequencer(module_domain_id, cmm, monkeypatch):
     """Its answer is waited for, longer than a sequencer may be away: nothing else has to be there."""
     monkeypatch.setattr('rosette_ros.cell.client._DISCONNECTED', 0.1)
     answers = [Trigger.Response(success=True, message='the machine is ready'),
-               Trigger.Response(success=False, message='wanted a homed machine')]
+               Trigger.Response(success=False, message='expected a homed machine')]
 
     def late(request, response):
         time.sleep(0.5)
@@ -228,7 +228,7 @@ def test_a_recovery_needs_no_sequencer(module_domain_id, cmm, monkeypatch):
     try:
         with CmmClient(module_domain_id) as client:
             assert client.recover() == 'the machine is ready'
-        with CmmClient(module_domain_id) as client, pytest.raises(CellError, match='wanted a homed machine'):
+        with CmmClient(module_domain_id) as client, pytest.raises(CellError, match='expected a homed machine'):
             client.recover()
     finally:
         cmm.node.destroy_service(service)
@@ -321,5 +321,5 @@ def test_nothing_moves_while_a_calibration_is_on(cmm, check):
 
 def test_no_cmm_is_told(domain_id):
     """After some seconds, in words."""
-    with CmmClient(domain_id) as client, pytest.raises(CellError, match='no CMM: wanted one that subscribes to'):
+    with CmmClient(domain_id) as client, pytest.raises(CellError, match='no CMM: expected one that subscribes to'):
         client.check(client.settings({}))

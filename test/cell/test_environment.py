@@ -23,7 +23,7 @@ PROFILE = Path(supervisor.__file__).with_name('fastdds.xml')
 LOG = Path(__file__).parents[1] / 'golden' / 'logs' / 'log_clean_n6_diagonal'
 
 
-@pytest.mark.parametrize(('given', 'wanted'), [
+@pytest.mark.parametrize(('given', 'expected'), [
     ({}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
     ({RANGE: LOCAL, 'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}, {TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
     ({RANGE: ''}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
@@ -100,8 +100,8 @@ def test_the_command_that_resumes_names_the_domain_of_the_environment(monkeypatc
 
 
 @pytest.mark.parametrize(('given', 'domain', 'words'), [
-    ('300', None, "ROS_DOMAIN_ID: wanted a whole number in 0..232, got '300'; set another one, or give --domain"),
-    ('-1', None, "got '-1'"), ('lab', None, "got 'lab'"), ('300', 5, ''), ('', None, ''), (' 7 ', None, '')])
+    ('300', None, "ROS_DOMAIN_ID: expected a whole number in 0..232, found '300'; set another one, or give --domain"),
+    ('-1', None, "found '-1'"), ('lab', None, "found 'lab'"), ('300', 5, ''), ('', None, ''), (' 7 ', None, '')])
 def test_a_domain_that_does_not_exist(tmp_path, given, domain, words):
     """ROS would end the process, or log in its own words; one that is given is what counts."""
     if not words:
@@ -115,24 +115,28 @@ def test_a_domain_that_does_not_exist(tmp_path, given, domain, words):
 def test_ros_has_to_have_a_place_for_its_logs(tmp_path, given):
     """It ends the process without one, in its own words."""
     check_environment(None, {name: value.format(tmp_path) for name, value in given.items()})
-    with pytest.raises(CellError, match='^HOME: wanted the folder of the user, got none; set HOME, or ROS_LOG_DIR'):
+    with pytest.raises(CellError, match='^HOME: expected the folder of the user, found none; set HOME, or ROS_LOG_DIR'):
         check_environment(None, dict.fromkeys(given, ''))
 
 
 @pytest.mark.parametrize(('given', 'words'), [
-    ({'RCUTILS_LOGGING_USE_STDOUT': 'abc'}, "RCUTILS_LOGGING_USE_STDOUT: wanted 0 or 1, got 'abc'; unset it"),
-    ({'RCUTILS_LOGGING_BUFFERED_STREAM': 'x'}, "RCUTILS_LOGGING_BUFFERED_STREAM: wanted 0 or 1, got 'x'; unset it"),
-    ({'RCUTILS_COLORIZED_OUTPUT': '7'}, "RCUTILS_COLORIZED_OUTPUT: wanted 0 or 1, got '7'; unset it"),
-    ({'ROS_STATIC_PEERS': '127.0.0.1;no such host'}, 'ROS_STATIC_PEERS: wanted names or addresses of computers, '
-     'separated by ";", got \'no such host\', which has no address; correct it, or unset it'),
-    ({'ROS_STATIC_PEERS': 'a' * 300}, 'ROS_STATIC_PEERS: wanted names or addresses'),
-    ({'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}, 'ROS_SECURITY_KEYSTORE: wanted the folder of '
-     "the keys, as ROS_SECURITY_STRATEGY is Enforce, got ''; set it (docs/security.md), or unset ROS_SECURITY_ENABLE"),
+    ({'RCUTILS_LOGGING_USE_STDOUT': 'abc'}, "RCUTILS_LOGGING_USE_STDOUT: expected 0 or 1, found 'abc'; unset it"),
+    ({'RCUTILS_LOGGING_BUFFERED_STREAM': 'x'}, "RCUTILS_LOGGING_BUFFERED_STREAM: expected 0 or 1, found 'x'; unset it"),
+    ({'RCUTILS_COLORIZED_OUTPUT': '7'}, "RCUTILS_COLORIZED_OUTPUT: expected 0 or 1, found '7'; unset it"),
+    ({'ROS_STATIC_PEERS': '127.0.0.1;no such host'}, 'ROS_STATIC_PEERS: expected names or addresses of computers, '
+     'separated by ";", found \'no such host\', which has no address; correct it, or unset it'),
+    ({'ROS_STATIC_PEERS': 'a' * 300}, 'ROS_STATIC_PEERS: expected names or addresses'),
+    ({'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}, 'ROS_SECURITY_KEYSTORE: expected the folder '
+                                                                          'of '
+     "the keys, as ROS_SECURITY_STRATEGY is Enforce, found ''; set it (docs/security.md), or unset "
+     "ROS_SECURITY_ENABLE"),
     ({'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce', 'ROS_SECURITY_KEYSTORE': '/nowhere'},
-     "got '/nowhere'"),
-    ({'ROS_LOG_DIR': '/dev/null'}, 'ROS_LOG_DIR: wanted a folder for the logs of ROS, got /dev/null: File exists; set '
+     "found '/nowhere'"),
+    ({'ROS_LOG_DIR': '/dev/null'}, 'ROS_LOG_DIR: expected a folder for the logs of ROS, found /dev/null: File exists; '
+                                   'set '
      'ROS_LOG_DIR to another one'),
-    ({'ROS_HOME': '/dev/null'}, 'ROS_HOME: wanted a folder for the logs of ROS, got /dev/null/log: Not a directory'),
+    ({'ROS_HOME': '/dev/null'}, 'ROS_HOME: expected a folder for the logs of ROS, found /dev/null/log: Not a '
+                                'directory'),
 ])
 def test_what_ends_a_node_is_named(tmp_path, given, words):
     """By the variable, in one line: ROS ends the process, with a traceback or in hundreds of lines."""
@@ -151,15 +155,16 @@ def test_what_the_environment_wants_of_the_output_changes_no_cell(monkeypatch):
 
 
 @pytest.mark.parametrize(('name', 'value', 'verb', 'words'), [
-    ('HOME', '', ('demo', '--output', 'demo'), 'HOME: wanted the folder of the user, got none; set HOME'),
+    ('HOME', '', ('demo', '--output', 'demo'), 'HOME: expected the folder of the user, found none; set HOME'),
     ('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp', ('calibrate',),
-     r"RMW_IMPLEMENTATION: wanted one that is installed, rmw_\w+.*, got 'rmw_cyclonedds_cpp'; unset it, or install"),
-    ('ROS_DOMAIN_ID', '300', ('calibrate',), 'ROS_DOMAIN_ID: wanted a whole number in 0..232'),
-    ('ROS_DOMAIN_ID', '300', ('cell',), 'ROS_DOMAIN_ID: wanted a whole number in 0..232'),
-    ('PYTHONPATH', 'rclpy', ('check-cmm',), r'check-cmm: \S*/rclpy/__init__.py: wanted a package that can be loaded, '
-                                            "got: No module named 'rclpy.*; check PYTHONPATH"),
+     r"RMW_IMPLEMENTATION: expected one that is installed, rmw_\w+.*, found 'rmw_cyclonedds_cpp'; unset it, or "
+     r"install"),
+    ('ROS_DOMAIN_ID', '300', ('calibrate',), 'ROS_DOMAIN_ID: expected a whole number in 0..232'),
+    ('ROS_DOMAIN_ID', '300', ('cell',), 'ROS_DOMAIN_ID: expected a whole number in 0..232'),
+    ('PYTHONPATH', 'rclpy', ('check-cmm',), r'check-cmm: \S*/rclpy/__init__.py: expected a package that can be loaded, '
+                                            "found: No module named 'rclpy.*; check PYTHONPATH"),
     ('DASK_CONFIG', 'dask', ('archive', 'add', str(LOG), '--into', 'archive'),
-     r'archive: \S*dask\S*: wanted a package that can be loaded, got: A dask config file at .* is malformed'),
+     r'archive: \S*dask\S*: expected a package that can be loaded, found: A dask config file at .* is malformed'),
 ])
 def test_an_environment_of_others_is_told_in_one_line(tmp_path, name, value, verb, words):
     """A middleware that is not there, a domain beyond the ports, another rclpy, settings that no program can read."""

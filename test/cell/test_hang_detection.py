@@ -95,10 +95,10 @@ def test_a_run_of_a_cell_that_was_suspended_goes_on(cell_of, domain_id):
 def test_what_is_refused_names_nodes_that_hang(cell_of, domain_id, wait_until):
     """A node that has been there is not to be started: it has ended or hangs, and who restarts it is said."""
     restart = 'wait 30 s for rosette cell to restart it, or restart it'
-    missing = '; '.join(f'{words}, got none; it has ended or hangs: {restart}' for words in (
-        'no CMM: wanted one that subscribes to probe_target and publishes ball_centre',
-        'no evaluator: wanted one that publishes error_motions',
-        'no recorder: wanted its service recorder/start_recording'))
+    missing = '; '.join(f'{words}, found none; it has ended or hangs: {restart}' for words in (
+        'no CMM: expected one that subscribes to probe_target and publishes ball_centre',
+        'no evaluator: expected one that publishes error_motions',
+        'no recorder: expected its service recorder/start_recording'))
     with cell_of(N) as cell:
         sequencer = cell.processes[names.SEQUENCER]
         others = [process.popen for process in cell.processes.values() if process is not sequencer]
@@ -110,7 +110,7 @@ def test_what_is_refused_names_nodes_that_hang(cell_of, domain_id, wait_until):
         for popen in others:
             popen.send_signal(signal.SIGCONT)
         sequencer.popen.send_signal(signal.SIGSTOP)
-        with CellClient(domain_id) as client, pytest.raises(CellError, match='got only cmm, evaluator, recorder: the '
+        with CellClient(domain_id) as client, pytest.raises(CellError, match='found only cmm, evaluator, recorder: the '
                                                             f'sequencer is not started, has ended or hangs; {restart}'):
             client.wait()
         sequencer.popen.send_signal(signal.SIGCONT)

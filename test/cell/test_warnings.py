@@ -21,4 +21,4 @@ def test_an_answer_that_is_missing_is_told_on_both_screens(cell_of, domain_id, w
         assert words in told
         assert any(line.startswith(f'sequencer: run {outcome.run_id}: ') and line.endswith(' balls') for line in told)
         cell.processes['cmm'].popen.kill()
-        wait_until(lambda: told.extend(cell.news()) or any('no CMM: wanted one that' in line for line in told))
+        wait_until(lambda: told.extend(cell.news()) or any('no CMM: expected one that' in line for line in told))

@@ -41,7 +41,7 @@ def texts(root, path):
 def schema():
     """Return PTB's schema, read without a network."""
     if not XSD.is_file():
-        pytest.skip(f'wanted the DCC schema at ROSETTE_DCC_XSD or {XSD}, found none')
+        pytest.skip(f'expected the DCC schema at ROSETTE_DCC_XSD or {XSD}, found none')
     return etree.XMLSchema(etree.parse(XSD, etree.XMLParser(no_network=True)))
 
 
@@ -61,7 +61,7 @@ def rules():
     """Return PTB's rules beyond the schema, which lie above it or beside it."""
     found = [path for folder in XSD.parents[:2] if (path := folder / 'dcc.sch').is_file()]
     if not found:
-        pytest.skip(f'wanted the Schematron rules dcc.sch beside {XSD} or in the folder above, found none')
+        pytest.skip(f'expected the Schematron rules dcc.sch beside {XSD} or in the folder above, found none')
     return Schematron(found[0])
 
 
@@ -167,7 +167,7 @@ def test_without_inputs_the_budget_says_what_is_not_considered():
     assert any('form of the balls (ball_form)' in one for one in words)
     assert root_of('clean').xpath('//dcc:result[@refType="rosette_budget"]', namespaces=NAMES)
     assert not root_of('joint').xpath('//dcc:result[@refType="rosette_budget"]', namespaces=NAMES)
-    with pytest.raises(InvalidData, match='the section environment only with several runs as one, got ball_form'):
+    with pytest.raises(InvalidData, match='the section environment only with several runs as one, found ball_form'):
         state(made('joint')[0], replace(made('joint')[1].inputs, budget=made('budget')[1].inputs.budget))
 
 
@@ -293,10 +293,11 @@ def test_temperatures_are_conditions_or_said_to_be_missing():
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('operator: A', 'certificate: wanted certificate number, country.* of the laboratory, first day of measuring, last '
-                    'day of measuring, got none; state certificate.number, laboratory.country, measured.begin'),
-    ('certificate: {number: X}\nlaboratory: {country: DE}', 'wanted first day of measuring'),
-    ('certificate: {number: X}\ntolerances: {EXA: 1 um}', 'tolerances: EXA: wanted errors of this table')])
+    ('operator: A', 'certificate: expected certificate number, country.* of the laboratory, first day of measuring, '
+                    'last '
+                    'day of measuring, found none; state certificate.number, laboratory.country, measured.begin'),
+    ('certificate: {number: X}\nlaboratory: {country: DE}', 'expected first day of measuring'),
+    ('certificate: {number: X}\ntolerances: {EXA: 1 um}', 'tolerances: EXA: expected errors of this table')])
 def test_what_no_document_can_do_without_is_asked_for(text, words):
     """One line, with the entries to state."""
     with pytest.raises(InvalidData, match=words):
@@ -317,11 +318,12 @@ def test_a_day_of_issue_comes_after_the_measurement():
         identity = FULL.replace('date: 2026-11-30', f'date: {day}') + DAYS
         return state(made('clean')[0], Inputs(parse_identity(identity.encode()), day))
     assert dated('2026-04-12').days == ('2026-04-12', '2026-04-13')
-    with pytest.raises(InvalidData, match='certificate.date: wanted a day of issue after the measurement, which ended '
-                                          '2026-04-13, got 2026-04-11; correct it in the identity file'):
+    with pytest.raises(InvalidData, match='certificate.date: expected a day of issue after the measurement, which '
+                                          'ended '
+                                          '2026-04-13, found 2026-04-11; correct it in the identity file'):
         dated('2026-04-11')
     undated = FULL.replace(', date: 2026-11-30', '') + 'measured: {begin: 2036-11-26, end: 2036-11-26}\n'
-    with pytest.raises(InvalidData, match='measured.end: wanted a day of measuring before that of issue, 2026-11-30'):
+    with pytest.raises(InvalidData, match='measured.end: expected a day of measuring before that of issue, 2026-11-30'):
         state(made('clean')[0], Inputs(parse_identity(undated.encode()), '2026-11-30'))
 
 
@@ -335,7 +337,7 @@ def test_a_wrong_clock_of_the_recorder_is_overruled_by_stated_days():
         state(made('simulated')[0], Inputs(parse_identity(undated.encode()), '2020-02-01'))
 
 
-@pytest.mark.parametrize(('version', 'wanted'), [
+@pytest.mark.parametrize(('version', 'expected'), [
     ('2.4.6', 'v2.4.6'), ('2.0.0rc1', 'v2.0.0'), ('11', 'v11'), ('1.2.3.4.5', 'v1.2.3.4'), ('unknown', 'v0')])
 def test_releases_have_their_form(version, wanted):
     """A letter and at most four groups of digits."""

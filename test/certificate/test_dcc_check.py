@@ -103,7 +103,8 @@ def test_what_was_changed_is_said(old, new, words):
                                              b'</rosette:inputs')
     with pytest.raises(InvalidData, match=re.escape(words)) as refused:
         verified('clean', data)
-    assert str(refused.value).startswith(f'cert.xml: wanted the certificate of {made("clean")[0][0]}, got another one: '
+    assert str(refused.value).startswith(f'cert.xml: expected the certificate of {made("clean")[0][0]}, found another '
+                                         f'one: '
                                          'its content was changed after it was made (its own SHA-256 differs)')
 
 
@@ -113,7 +114,7 @@ def test_inputs_of_the_budget_that_were_changed_are_told():
     wrong = data.replace(b'"form_um": 0.13', b'"form_um": 0.12', 1)
     with pytest.raises(InvalidData, match=r'its own SHA-256 differs.*; .*value \d is '):
         verified('budget', wrong)
-    with pytest.raises(InvalidData, match='ball_form: form_um: wanted a positive number, got -1'):
+    with pytest.raises(InvalidData, match='ball_form: form_um: expected a positive number, found -1'):
         verified('budget', data.replace(b'"form_um": 0.13', b'"form_um": -1', 1))
 
 
@@ -131,7 +132,7 @@ def test_a_number_that_was_changed_is_named():
 
 def test_the_certificate_of_another_run_is_refused():
     """Its hash is told first."""
-    with pytest.raises(InvalidData, match=r'got another one: clean.csv: no file of the run has the SHA-256 \w{12}… '
+    with pytest.raises(InvalidData, match=r'found another one: clean.csv: no file of the run has the SHA-256 \w{12}… '
                                           'that the certificate states; '):
         verified('clean', paths=made('without_temperatures')[0])
 
@@ -145,16 +146,16 @@ def test_another_version_is_compared_by_its_numbers(monkeypatch):
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'', 'wanted a DCC, got what is no XML: '), (b'<a', 'wanted a DCC, got what is no XML: '),
-    (b'<a/>', "got the element 'a'; the order is --verify CERTIFICATE RUN"),
-    (b'\x00\xff', 'wanted a DCC, got what is no XML: '),
-    (b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', 'got one with a document type or entities of its own'),
-    (b'<!DOCTYPE a SYSTEM "file:///etc/hostname"><a/>', 'got one with a document type or entities of its own'),
+    (b'', 'expected a DCC, found what is no XML: '), (b'<a', 'expected a DCC, found what is no XML: '),
+    (b'<a/>', "found the element 'a'; the order is --verify CERTIFICATE RUN"),
+    (b'\x00\xff', 'expected a DCC, found what is no XML: '),
+    (b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', 'found one with a document type or entities of its own'),
+    (b'<!DOCTYPE a SYSTEM "file:///etc/hostname"><a/>', 'found one with a document type or entities of its own'),
     (b'<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/hostname">]><a>&b;</a>', 'entities of its own'),
-    (b'<?xml version="1.0" encoding="no-such-thing"?><a/>', 'wanted a DCC, got what is no XML: '),
-    (b'%PDF-1.4', 'wanted a DCC, got a PDF; take the XML that is attached to it'),
-    (b'<a>' * 300 + b'</a>' * 300, 'wanted a DCC, got what is no XML: '),
-    (b' ' * ((16 << 20) + 1), 'wanted a DCC of at most 16777216 bytes, got more')])
+    (b'<?xml version="1.0" encoding="no-such-thing"?><a/>', 'expected a DCC, found what is no XML: '),
+    (b'%PDF-1.4', 'expected a DCC, found a PDF; take the XML that is attached to it'),
+    (b'<a>' * 300 + b'</a>' * 300, 'expected a DCC, found what is no XML: '),
+    (b' ' * ((16 << 20) + 1), 'expected a DCC of at most 16777216 bytes, found more')])
 def test_what_is_no_certificate_is_refused(data, words):
     """Nothing is fetched, no entity is replaced, nothing deep or large is read."""
     with pytest.raises(InvalidData, match=f'cert.xml: {words}|{words}') as refused:
@@ -190,7 +191,7 @@ def test_a_certificate_of_an_earlier_version_is_told_as_such():
     own.set('sha256', earlier_digest(root))
     data = etree.tostring(root)
     assert verified('clean', data) == dcc_check.Verified(0.0, False, '', is_earlier=True)
-    with pytest.raises(InvalidData, match='got another one: an earlier version made it, whose own SHA-256 is of the'):
+    with pytest.raises(InvalidData, match='found another one: an earlier version made it, whose own SHA-256 is of the'):
         verified('clean', ET.tostring(ET.fromstring(data)))
 
 

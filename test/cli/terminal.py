@@ -42,8 +42,8 @@ class Terminal:
         """Read until words stand on the screen; return what stands after the last call."""
         begin, deadline = len(self.screen), time.monotonic() + timeout
         while words not in self.screen[begin:]:
-            assert time.monotonic() < deadline, f'wanted {words!r} on the screen, got {self.screen[-2000:]}'
-            assert self._read(), f'wanted {words!r} before the end, got {self.screen[-2000:]}'
+            assert time.monotonic() < deadline, f'expected {words!r} on the screen, found {self.screen[-2000:]}'
+            assert self._read(), f'expected {words!r} before the end, found {self.screen[-2000:]}'
         return self.screen[begin:]
 
     def end(self, keys='', timeout=300.0):
@@ -58,7 +58,7 @@ class Terminal:
             while time.monotonic() < now + 5.0:
                 if not self._read():
                     return self.process.wait(timeout)
-        raise AssertionError(f'wanted the end within {timeout} s, got {self.screen[-2000:]}')
+        raise AssertionError(f'expected the end within {timeout} s, found {self.screen[-2000:]}')
 
     def _read(self):
         """Return whether the program still has the terminal."""

@@ -18,7 +18,7 @@ def test_a_plan_is_judged(rosette):
                      parse_constant=pytest.fail)
     assert got['schema'] == 'rosette-advice/1'
     assert {'schema', 'run_id', 'n', 'radius_m', 'text', 'present', 'recommended', 'orders',
-            'weak', 'wanted'} == set(got)
+            'weak', 'expected'} == set(got)
     now, then = (got[key]['effects'] for key in ('present', 'recommended'))
     assert {'table_zero_drift', 'table_backlash'} <= set(got['weak'])
     assert now['table_backlash']['hidden'] and now['table_backlash']['detectable_rms_m'] is None
@@ -58,7 +58,7 @@ def test_an_effect_can_be_wanted(rosette):
     """Then the orders are compared by that one."""
     got = json.loads(rosette('advise', '--balls', 6, '--order', 'random', '--show',
                              'table_backlash', '--json').out)
-    assert got['wanted'] == ['table_backlash']
+    assert got['expected'] == ['table_backlash']
     assert {order['worst_effect'] for order in got['orders']} == {'table_backlash'}
     assert got['recommended']['turning'] == 'alternate'
 
@@ -83,25 +83,27 @@ def test_the_next_readings(rosette, tmp_path):
     assert longer.is_gapless and judge(longer).before.rms > 0
 
 
-@pytest.mark.parametrize(('words', 'wanted'), [
+@pytest.mark.parametrize(('words', 'expected'), [
     (('run.csv', '--readings', '6', '--until', '1.2'),
-     "--until: wanted a probability above 0.5 and below 1, got '1.2'"),
-    (('run.csv', '--readings', '0'), '--readings: wanted a whole number in 1 .. 1000'),
+     "--until: expected a probability above 0.5 and below 1, found '1.2'"),
+    (('run.csv', '--readings', '0'), '--readings: expected a whole number in 1 .. 1000'),
     (('run.csv', '--until', '0.9'), 'advise: --until goes with --readings only; leave it out'),
-    (('--readings', '6', '--balls', '6', '--order', 'row'), 'advise: --readings: wanted RUN, without --order and'),
-    (('run.csv', '--readings', '6', '--plan', 'next.txt'), "--plan: wanted a name that ends in .csv, got 'next.txt'"),
-    ((), 'wanted either RUN or both --balls and --order'),
-    (('--balls', '6'), 'wanted either RUN or both --balls and --order'),
-    (('run.csv', '--balls', '6', '--order', 'row'), 'wanted either RUN or both'),
+    (('--readings', '6', '--balls', '6', '--order', 'row'), 'advise: --readings: expected RUN, without --order and'),
+    (('run.csv', '--readings', '6', '--plan', 'next.txt'), "--plan: expected a name that ends in .csv, found "
+                                                           "'next.txt'"),
+    ((), 'expected either RUN or both --balls and --order'),
+    (('--balls', '6'), 'expected either RUN or both --balls and --order'),
+    (('run.csv', '--balls', '6', '--order', 'row'), 'expected either RUN or both'),
     (('--balls', '6', '--order', 'circle'), "Unknown order 'circle'. Known: row"),
-    (('--balls', '2', '--order', 'row'), 'number of balls: wanted a whole number of at least 3'),
+    (('--balls', '2', '--order', 'row'), 'number of balls: expected a whole number of at least 3'),
     (('--balls', '6', '--order', 'row', '--show', 'drift'), "Unknown effect 'drift'"),
     (('--balls', '6', '--order', 'row', '--show', 'ball_sag'),
-     'ball_sag: wanted an effect that the cell of this run can have, got one that no order shows: the run does not say '
+     'ball_sag: expected an effect that the cell of this run can have, found one that no order shows: the run does '
+     'not say '
      'how the table axis stands in the machine'),
     (('--balls', '6', '--order', 'row', '--show', 'free'), 'it is a form without a name'),
     (('--balls', '6', '--order', 'row', '--show', 'encoder_interpolation'),
-     'wanted effects that an order can show, got encoder_interpolation: what it depends on does not change in'),
+     'expected effects that an order can show, found encoder_interpolation: what it depends on does not change in'),
     (('nowhere.csv',), 'nowhere.csv'),
 ])
 def test_refused(refused, words, wanted):

@@ -58,16 +58,16 @@ def test_logs_that_cannot_be_read_are_counted_and_listed(logs, in_this_process, 
     told = rosette('archive', 'query', archive, '--problems', '--json')
     problems = {row['path'].rpartition('/')[2]: row['problem'] for row in json.loads(told.out)['rows']}
     assert set(problems) == {'corrupt.mcap', 'truncated.mcap', 'foreign.csv'}
-    assert all('wanted' in words for words in problems.values())
+    assert all('expected' in words for words in problems.values())
     again = rosette('archive', 'add', logs, '--into', archive, '--json')
     counts = json.loads(again.out)
     assert (again.code, counts['found'], counts['new']) == (0, 4, 0), 'the same content is not read again'
 
 
 @pytest.mark.parametrize(('mark', 'words'), [
-    ('{"schema": "rosette-archive/2"}', "wanted an archive of rosette-archive/1, got 'rosette-archive/2'; use a "
+    ('{"schema": "rosette-archive/2"}', "expected an archive of rosette-archive/1, found 'rosette-archive/2'; use a "
                                         'version of rosette that knows it'),
-    ('{', 'wanted JSON with "schema": "rosette-archive/1", got something else')])
+    ('{', 'expected JSON with "schema": "rosette-archive/1", found something else')])
 def test_another_archive_is_refused(logs, in_this_process, refused, tmp_path, mark, words):
     """A newer one, and one whose mark is damaged; nothing is written."""
     archive = tmp_path / 'archive'
@@ -99,7 +99,7 @@ def test_an_archive_elsewhere_is_refused_before_any_work(logs, in_this_process, 
     for place in ('s3://bucket/plant', 'gs:', 'gs://bucket', 'nas:/plant', 'file://nas/plant', 'memory://x',
                   'C:\\plant', 'user@host:plant'):
         for verb in (('add', 'nowhere', '--into', place), ('query', place)):
-            assert f'{place}: wanted a folder of this computer as archive, got a place elsewhere' in refused(
+            assert f'{place}: expected a folder of this computer as archive, found a place elsewhere' in refused(
                 'archive', *verb)
     assert sorted(tmp_path.iterdir()) == before
     for place in ('~/home [1]', f'file://{tmp_path}/url*', f'file://{tmp_path}/sp%20dir', f'{tmp_path}/a?b',
@@ -111,7 +111,7 @@ def test_an_archive_elsewhere_is_refused_before_any_work(logs, in_this_process, 
 
 def test_no_archive_is_made_among_other_files(logs, in_this_process, refused, tmp_path):
     """And a question to a folder that is none names the command that makes one."""
-    assert 'wanted an archive or an empty folder, got a folder of other files' in refused(
+    assert 'expected an archive or an empty folder, found a folder of other files' in refused(
         'archive', 'add', logs, '--into', logs)
     assert 'rosette archive add FOLDER --into' in refused('archive', 'query', tmp_path)
 
@@ -121,7 +121,7 @@ def test_an_archive_is_no_folder_of_logs(logs, in_this_process, rosette, refused
     archive, other = tmp_path / 'archive', tmp_path / 'other'
     assert rosette('archive', 'add', logs, '--into', archive).code == 1
     assert refused('archive', 'add', archive, '--into', other) == (
-        f'rosette: {archive}: wanted a folder of logs, or a log, got an archive\n')
+        f'rosette: {archive}: expected a folder of logs, or a log, found an archive\n')
     assert not other.exists()
 
 
@@ -145,7 +145,8 @@ def test_a_question_changes_nothing(logs, in_this_process, rosette, refused, tmp
     """SQL that writes is refused, whatever stands before it."""
     archive, file = tmp_path / 'archive', tmp_path / 'file.csv'
     rosette('archive', 'add', logs, '--into', archive)
-    assert 'wanted a question (SELECT ...), got ' in refused('archive', 'query', archive, statement.format(file=file))
+    words = refused('archive', 'query', archive, statement.format(file=file))
+    assert 'expected a question (SELECT ...), found ' in words
     assert not file.exists()
     assert json.loads(rosette('archive', 'query', archive, 'SELECT count(*) AS runs FROM runs', '--json').out)['rows']
 

@@ -32,17 +32,17 @@ def radians(lines):
 
 
 TABLES = {
-    'missing column': (drop_column('y_mm'), ('line 5', 'wanted the column y_mm', '--order diagonal --csv-template')),
-    'word': (change(7, 5, 'abc'), ('line 8', 'x_mm', "wanted a number, got 'abc'")),
-    'NaN': (change(7, 6, 'nan'), ('line 8', 'y_mm', "wanted a finite number, got nan")),
-    'ball out of range': (change(9, 2, '0'), ('line 10', 'ball', 'wanted at least 1, got 0')),
-    'n disagrees': (change(40, 2, '9'), ('ball', 'got 9')),
+    'missing column': (drop_column('y_mm'), ('line 5', 'expected the column y_mm', '--order diagonal --csv-template')),
+    'word': (change(7, 5, 'abc'), ('line 8', 'x_mm', "expected a number, found 'abc'")),
+    'NaN': (change(7, 6, 'nan'), ('line 8', 'y_mm', "expected a finite number, found nan")),
+    'ball out of range': (change(9, 2, '0'), ('line 10', 'ball', 'expected at least 1, found 0')),
+    'n disagrees': (change(40, 2, '9'), ('ball', 'found 9')),
     'radians': (radians, ('radians',)),
     'empty': (lambda lines: [], ('is empty',)),
-    'header only': (lambda lines: lines[:5], ('wanted rows of ball centres, got none',)),
+    'header only': (lambda lines: lines[:5], ('expected rows of ball centres, found none',)),
     'no schema': (lambda lines: lines[1:], ('# schema: rosette-ball-centres/1',)),
     'duplicate': (lambda lines: [*lines[:6], '2' + lines[5][1:], *lines[7:]],
-                  ('line 7', 'got table_position 1, ball 1 again (first in line 6)')),
+                  ('line 7', 'found table_position 1, ball 1 again (first in line 6)')),
 }
 
 
@@ -77,16 +77,16 @@ def test_too_few_ball_centres(refused, make_table):
 
 
 MODELS = {
-    'base: [table]': "model: base: wanted some of table_motions, plate_deviations, "
-                     "cmm_deviations, got 'table'",
+    'base: [table]': "model: base: expected some of table_motions, plate_deviations, "
+                     "cmm_deviations, found 'table'",
     'effects: [warp]': "Unknown effect 'warp'. Did you mean ",
-    'effects: frame_drift': "effects: wanted a list, got 'frame_drift'",
-    'effects: 0': 'effects: wanted a list, got 0',
-    'base: [table_motions\n': 'wanted YAML, got text that is none: line 2, column 1: ',
-    '- frame_drift': 'wanted a mapping with base and effects, got a list',
-    'schema: rosette-model/2': "schema: wanted rosette-model/1, got 'rosette-model/2'",
-    'bases: []': "wanted the keys schema, base, effects, noise, got 'bases'",
-    'effects: [{name: frame_warmup, time: 3}]': "effect frame_warmup: wanted settings among ",
+    'effects: frame_drift': "effects: expected a list, found 'frame_drift'",
+    'effects: 0': 'effects: expected a list, found 0',
+    'base: [table_motions\n': 'expected YAML, found text that is none: line 2, column 1: ',
+    '- frame_drift': 'expected a mapping with base and effects, found a list',
+    'schema: rosette-model/2': "schema: expected rosette-model/1, found 'rosette-model/2'",
+    'bases: []': "expected the keys schema, base, effects, noise, found 'bases'",
+    'effects: [{name: frame_warmup, time: 3}]': "effect frame_warmup: expected settings among ",
 }
 
 
@@ -170,15 +170,15 @@ PYTHON = re.compile(r'\b[A-Z]\w*(?:Error|Exception)\b|\bNoneType\b|\bdict\b|\bst
 
 
 @pytest.mark.parametrize(('name', 'text', 'words'), [
-    ('m.yaml', '- frame_drift', 'wanted a mapping with base and effects, got a list'),
-    ('m.yaml', '3', 'wanted a mapping with base and effects, got a whole number'),
-    ('m.yaml', 'base: [!!int ""]', 'wanted YAML values, got one that is none'),
-    ('m.yaml', 'effects: [2026-99-99]', 'wanted YAML values, got one that is none'),
-    ('m.yaml', 'effects: [{own: a, direction: z, expression: "t[0]"}]', "got 't[0]'"),
+    ('m.yaml', '- frame_drift', 'expected a mapping with base and effects, found a list'),
+    ('m.yaml', '3', 'expected a mapping with base and effects, found a whole number'),
+    ('m.yaml', 'base: [!!int ""]', 'expected YAML values, found one that is none'),
+    ('m.yaml', 'effects: [2026-99-99]', 'expected YAML values, found one that is none'),
+    ('m.yaml', 'effects: [{own: a, direction: z, expression: "t[0]"}]', "found 't[0]'"),
     ('m.yaml', 'effects: [{own: a, direction: z, expression: "t +"}]', "'t +' cannot be read"),
-    ('metadata.yaml', 'other: 1', 'wanted a rosbag2 description with rosbag2_bagfile_information'),
-    ('metadata.yaml', 'rosbag2_bagfile_information: 3', 'wanted a rosbag2 description with '),
-    ('metadata.yaml', 'rosbag2_bagfile_information: [', 'wanted a rosbag2 description with ')])
+    ('metadata.yaml', 'other: 1', 'expected a rosbag2 description with rosbag2_bagfile_information'),
+    ('metadata.yaml', 'rosbag2_bagfile_information: 3', 'expected a rosbag2 description with '),
+    ('metadata.yaml', 'rosbag2_bagfile_information: [', 'expected a rosbag2 description with ')])
 def test_an_error_is_said_without_names_of_python(refused, make_table, tmp_path, name, text, words):
     """Whatever was wrong inside: what a file should hold and what it holds."""
     (tmp_path / name).write_text(text)
@@ -191,7 +191,7 @@ def test_an_error_is_said_without_names_of_python(refused, make_table, tmp_path,
 @pytest.mark.parametrize('value', ['0.5', '1', '95', 'nan', 'sure'])
 def test_a_probability_that_settles_nothing(refused, verb, value):
     """Of the run that goes on until it is reached."""
-    assert f"--until: wanted a probability above 0.5 and below 1, got '{value}'" in refused(verb, '--until', value)
+    assert f"--until: expected a probability above 0.5 and below 1, found '{value}'" in refused(verb, '--until', value)
 
 
 def test_a_demo_that_hides_nothing_settles_nothing(refused):

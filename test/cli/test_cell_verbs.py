@@ -174,11 +174,12 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
     """A run to its end, a refused goal, a replay that is refused beside a live cell, Ctrl-C."""
     with make_cell(domain_id, tmp_path, balls=BALLS) as cell:
         words = ('calibrate', '--domain', domain_id)
-        assert 'calibration refused: goal: order: wanted one of row, diagonal' in refused(
+        assert 'calibration refused: goal: order: expected one of row, diagonal' in refused(
             *words, '--order', 'zigzag')
         plate = tmp_path / 'plate.yaml'
         plate.write_text('schema: rosette-plate/1\nazimuth_deg: [0, 20, 60, 80, 140, 200, 300]\nradius_mm: 182.5\n')
-        assert ('the CMM cannot measure this plan: wanted a target for 6 balls on a circle of radius 0.1825 m, got 18 '
+        assert ('the CMM cannot measure this plan: expected a target for 6 balls on a circle of radius 0.1825 m, '
+                'found 18 '
                 'balls, 0.1825 m') in refused(*words, '--plate', plate, '--balls', 18)
         assert not cell.log_dir.exists(), 'nothing was begun'
         done = rosette(*words, '--order', 'row', '--options', 'repeats: 4')
@@ -195,7 +196,7 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
         assert (alone.code, 'expanded uncertainty (k = 2)' in alone.out) == (2, True)
         assert alone.err.splitlines()[-1].startswith(
             'rosette: calibrate: --joint-with: the runs were not evaluated as one: error motions are published; '
-            f'jointly with nosuch: run_id: wanted one of {log.name}, ')
+            f'jointly with nosuch: run_id: expected one of {log.name}, ')
         assert rosette(*words, '--order', 'row', '--joint-with', log).code == 0
         assert 'a live cell is on this graph' in refused('replay', log, '--domain', domain_id)
         machine = yaml.safe_load(cell.machine.read_text())
@@ -213,7 +214,7 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
 
 def test_calibrate_without_a_cell(domain_id, refused):
     """In words, after some seconds."""
-    assert 'cell /rosette: wanted a sequencer within' in refused(
+    assert 'cell /rosette: expected a sequencer within' in refused(
         'calibrate', '--domain', domain_id)
 
 
@@ -246,5 +247,5 @@ def test_a_machine_without_the_places_of_the_plate_is_refused(tmp_path, refused)
     for text in (f'/**/{stated}\n', f'rosette: {{{stated}}}\n'):
         params.write_text(text)
         words = refused('cell', '--machine', machine, '--params', params)
-        assert f'{machine}: plate: wanted balls: 18 and circle_radius_mm: 100, the places of {plate}' in words
-        assert words.strip().endswith('got 12 and 100')
+        assert f'{machine}: plate: expected balls: 18 and circle_radius_mm: 100, the places of {plate}' in words
+        assert words.strip().endswith('found 12 and 100')

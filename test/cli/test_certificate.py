@@ -40,7 +40,7 @@ def test_a_certificate_is_written_and_agrees_with_its_run(rosette, refused, make
     assert f'{xml}: exists already; take another name or use --force' in refused(*command)
     assert rosette(*command, '--force').code == 0
     xml.write_bytes(xml.read_bytes().replace(b'2026-11-30', b'2026-04-16', 1))
-    assert 'got another one: its content was changed after it was made' in refused(
+    assert 'found another one: its content was changed after it was made' in refused(
         'certificate', '--verify', xml, table)
 
 
@@ -51,17 +51,18 @@ def test_what_does_not_go_together_is_refused(refused, make_table, identity, tmp
         'certificate', '--verify', 'x.xml', table, '--identity', identity)
     for option in (('--run-id', 'a'), ('--joint',), ('--force',)):
         assert f'{option[0]}: does not go with --verify' in refused('certificate', '--verify', 'x.xml', table, *option)
-    assert '--json: wanted it with --verify' in refused('certificate', table, '--json')
+    assert '--json: expected it with --verify' in refused('certificate', table, '--json')
     line = refused('certificate', table, '-o', tmp_path / 'a.xml')
-    assert 'wanted certificate number, country (two letters of ISO 3166-1) of the laboratory, first day' in line
+    assert 'expected certificate number, country (two letters of ISO 3166-1) of the laboratory, first day' in line
     assert 'in the identity file (--identity FILE; fill in a copy of config/identity.yaml)' in line
     for word, name, ending in (('-o', 'a.pdf', '.xml'), ('--pdf', 'a.xml', '.pdf')):
         line = refused('certificate', table, '--identity', identity, word, name)
-        assert f"{word}: wanted a name that ends in {ending}, got '{name}'; -o names the XML, --pdf the pages" in line
-    assert 'wanted one RUN, got 2; --joint evaluates several as one' in refused(
+        assert (f"{word}: expected a name that ends in {ending}, found '{name}'; -o names the XML, --pdf the pages"
+                in line)
+    assert 'expected one RUN, found 2; --joint evaluates several as one' in refused(
         'certificate', table, table, '--identity', identity, '-o', tmp_path / 'a.xml')
-    assert 'wanted a certificate that can be read' in refused('certificate', '--verify', tmp_path / 'none.xml', table)
-    assert 'wanted a name in a folder that exists' in refused(
+    assert 'expected a certificate that can be read' in refused('certificate', '--verify', tmp_path / 'none.xml', table)
+    assert 'expected a name in a folder that exists' in refused(
         'certificate', table, '--identity', identity, '-o', tmp_path / 'a.xml', '--pdf', tmp_path / 'no' / 'a.pdf')
     assert not (tmp_path / 'a.xml').exists()
 

@@ -168,4 +168,4 @@ def test_the_picture_of_the_noise_is_written_once(rosette, refused, tmp_path):
     assert 'exists' in refused('compare', simulated_table('slip'), '--noise-picture', path)
     assert path.read_text(encoding='utf-8') == drawn
     words = refused('compare', simulated_table('slip'), '--noise-picture', tmp_path / 'noise.jpg')
-    assert 'wanted a file name that ends with .png, .svg, .pdf' in words
+    assert 'expected a file name that ends with .png, .svg, .pdf' in words

@@ -147,21 +147,24 @@ def test_how_to_try_the_sign_is_said_and_the_values_can_be_inverted(target, sign
 @pytest.mark.parametrize(('words', 'error'), [
     (['--for', 'sinumerik-enc', '--invert'],
      'correct: --invert goes with --for sinumerik-cec, heidenhain, fanuc only; leave it out'),
-    (['--for', 'sinumerik-enc', '--step', '1'], 'wanted at most 200 points, which a table of SINUMERIK holds, got 361'),
-    (['--for', 'fanuc', '--step', '2'], 'wanted at most 128 points, which a table of FANUC holds, got 181; take a '),
-    (['--for', 'heidenhain', '--step', '7'], 'wanted a --step that divides a turn, got 7 deg'),
-    (['--for', 'heidenhain', '--step', '3.2767'], 'wanted a --step that divides a turn, got 3.2767 deg'),
-    (['--for', 'sinumerik-cec', '--step', '3.2768'], 'wanted a --step that divides a turn, got 3.2768 deg'),
-    *[(['--for', target, '--zero', zero], f"--zero: wanted a number (deg) from -360 to 360, got '{zero}'")
+    (['--for', 'sinumerik-enc', '--step', '1'], 'expected at most 200 points, which a table of SINUMERIK holds, found '
+                                                '361'),
+    (['--for', 'fanuc', '--step', '2'], 'expected at most 128 points, which a table of FANUC holds, found 181; take '
+                                        'a '),
+    (['--for', 'heidenhain', '--step', '7'], 'expected a --step that divides a turn, found 7 deg'),
+    (['--for', 'heidenhain', '--step', '3.2767'], 'expected a --step that divides a turn, found 3.2767 deg'),
+    (['--for', 'sinumerik-cec', '--step', '3.2768'], 'expected a --step that divides a turn, found 3.2768 deg'),
+    *[(['--for', target, '--zero', zero], f"--zero: expected a number (deg) from -360 to 360, found '{zero}'")
       for target in OF_A_TURN for zero in ('nan', 'inf', '1e300')],
-    (['--for', 'linuxcnc', '--range', '0', 'nan'], "--range: wanted a number (deg) from -36000 to 36000, got 'nan'"),
-    (['--for', 'fanuc', '--detection-unit', '1e300'], "wanted a positive number (deg), got '1e300'"),
-    (['--for', 'fanuc', '--step', '60'], 'straight lines lose at most 10% of crz, got --step 60'),
+    (['--for', 'linuxcnc', '--range', '0', 'nan'], "--range: expected a number (deg) from -36000 to 36000, found "
+                                                   "'nan'"),
+    (['--for', 'fanuc', '--detection-unit', '1e300'], "expected a positive number (deg), found '1e300'"),
+    (['--for', 'fanuc', '--step', '60'], 'straight lines lose at most 10% of crz, found --step 60'),
     (['--for', 'fanuc', '--range', '0', '90'], 'correct: --range goes with --for csv, linuxcnc only; leave it out'),
     (['--for', 'csv', '--sign', '-1'], 'correct: --sign goes with --for linuxcnc, sinumerik-enc, '),
     (['--for', 'heidenhain', '--detection-unit', '0.001'], '--detection-unit goes with --for fanuc only'),
-    (['--for', 'heidenhain', '--axis', '1C'], "--axis: wanted the name of an axis such as C, C1 or C', got '1C'"),
-    (['--for', 'heidenhain', '--curves', 'ctz'], 'wanted crz among the errors to correct')])
+    (['--for', 'heidenhain', '--axis', '1C'], "--axis: expected the name of an axis such as C, C1 or C', found '1C'"),
+    (['--for', 'heidenhain', '--curves', 'ctz'], 'expected crz among the errors to correct')])
 def test_what_a_controller_would_not_take_is_refused(refused, tmp_path, before, words, error):
     """In words, with what would do."""
     assert error in refused('correct', before, '-o', tmp_path / 'c', *words)
@@ -191,7 +194,8 @@ def test_slopes_and_steps_beyond_a_format_are_refused():
     steep = Correction(*[motions(1, 0.05)] * 2, ('crz',))
     with pytest.raises(InvalidConfig, match='values of a .COM table that differ by at most 0.078125 deg from one to'):
         heidenhain(steep, 5.0, Axis())
-    with pytest.raises(InvalidConfig, match='wanted steps of at most 7 times 100 detection units'):
+    with pytest.raises(InvalidConfig, match='expected steps of at most 7 times 100 detection units'):
         fanuc(steep, 5.0, Axis(unit=1e-4))
-    with pytest.raises(InvalidConfig, match='got less than 0.01 deg; state that of the controller by --detection-unit'):
+    with pytest.raises(InvalidConfig, match='found less than 0.01 deg; state that of the controller by '
+                                            '--detection-unit'):
         fanuc(Correction(*[motions(1, 1e-5)] * 2, ('crz',)), 5.0, Axis(unit=0.01))

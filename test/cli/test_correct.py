@@ -94,23 +94,24 @@ def test_the_next_command_has_the_model_of_the_correction(rosette, measure, tmp_
 
 
 @pytest.mark.parametrize(('words', 'error'), [
-    (['--curves', 'crz,foo'], '--curves: wanted some of ctx,cty,ctz,crx,cry,crz, got'),
-    (['--for', 'linuxcnc', '--step', '1'], 'wanted at most 256 lines, which LinuxCNC reads, got 361'),
-    (['--for', 'linuxcnc', '--step', '79'], 'straight lines lose at most 10% of crz, got --step 79, which loses '),
+    (['--curves', 'crz,foo'], '--curves: expected some of ctx,cty,ctz,crx,cry,crz, found'),
+    (['--for', 'linuxcnc', '--step', '1'], 'expected at most 256 lines, which LinuxCNC reads, found 361'),
+    (['--for', 'linuxcnc', '--step', '79'], 'straight lines lose at most 10% of crz, found --step 79, which loses '),
     (['--for', 'linuxcnc', '--range', '-9999', '9999'],
      'a range of 19998 deg; LinuxCNC repeats no table, so narrow MIN_LIMIT and MAX_LIMIT of the axis, and --range, '),
     (['--for', 'linuxcnc', '--range', '-9999', '9999', '--step', '78.5'], 'which loses '),
-    (['--for', 'linuxcnc', '--range', '-360', '450'], 'got 406; take --step 3.177 to '),
-    (['--for', 'csv', '--range', '360', '0'], 'correct: --range: wanted MIN below MAX, got 360 and 0'),
-    (['--for', 'linuxcnc', '--range', '90', '90'], 'correct: --range: wanted MIN below MAX, got 90 and 90'),
-    (['--for', 'csv', '--range', '0', 'inf'], "--range: wanted a number (deg) from -36000 to 36000, got 'inf'"),
-    (['--for', 'csv', '--step', '1e-12'], 'got --range 0 360 with --step 1e-12; take a larger --step or a smaller'),
-    (['--for', 'linuxcnc', '--range', '0', '1e308'], "wanted a number (deg) from -36000 to 36000, got '1e308'"),
-    (['--for', 'linuxcnc', '--range', '0', '36000', '--step', '0.1'], 'wanted a table of at most 100000 lines, got '),
-    (['--step', '-3'], 'wanted a positive number'),
+    (['--for', 'linuxcnc', '--range', '-360', '450'], 'found 406; take --step 3.177 to '),
+    (['--for', 'csv', '--range', '360', '0'], 'correct: --range: expected MIN below MAX, found 360 and 0'),
+    (['--for', 'linuxcnc', '--range', '90', '90'], 'correct: --range: expected MIN below MAX, found 90 and 90'),
+    (['--for', 'csv', '--range', '0', 'inf'], "--range: expected a number (deg) from -36000 to 36000, found 'inf'"),
+    (['--for', 'csv', '--step', '1e-12'], 'found --range 0 360 with --step 1e-12; take a larger --step or a smaller'),
+    (['--for', 'linuxcnc', '--range', '0', '1e308'], "expected a number (deg) from -36000 to 36000, found '1e308'"),
+    (['--for', 'linuxcnc', '--range', '0', '36000', '--step', '0.1'], 'expected a table of at most 100000 lines, '
+                                                                      'found '),
+    (['--step', '-3'], 'expected a positive number'),
     (['--step', '5'], 'correct: --step goes with --for csv, linuxcnc, sinumerik-enc, sinumerik-cec, heidenhain, fan'),
     (['--range', '0', '90'], 'correct: --range goes with --for csv, linuxcnc only; leave it out'),
-    (['-o', 'q.csv'], "--output: wanted a name for YAML with --for ros, got 'q.csv'; --for csv writes a table")])
+    (['-o', 'q.csv'], "--output: expected a name for YAML with --for ros, found 'q.csv'; --for csv writes a table")])
 def test_what_cannot_be_is_refused(refused, measure, tmp_path, words, error):
     """In words; an existing file stays."""
     run = measure('a')

@@ -153,12 +153,12 @@ def test_a_clean_run_does_not_confirm(rosette, tables):
 
 def test_the_same_readings_are_no_check(rosette, refused, tables, tmp_path):
     """Also under another name, with only some of them, or as a log."""
-    same = 'wanted another run as a check, got 64 of 64 readings that are those of'
+    same = 'expected another run as a check, found 64 of 64 readings that are those of'
     assert same in refused('diagnose', tables[0], '--check', tables[0])
     rows = tables[0].read_text().replace('run_id: ', 'run_id: other_').splitlines()
     copy = tmp_path / 'other.csv'
     copy.write_text('\n'.join(rows[:-10]) + '\n')
-    assert f'{copy}: wanted another run as a check, got 54 of 54' in refused('diagnose', tables[0], '--check', copy)
+    assert f'{copy}: expected another run as a check, found 54 of 54' in refused('diagnose', tables[0], '--check', copy)
     assert rosette('import', tables[0], '-o', tmp_path / 'log').code == 0
     assert same in refused('diagnose', tables[0], '--check', tmp_path / 'log', '--json')
 

@@ -15,9 +15,9 @@ from rosette_ros.dme.dme_settings import load_dme_settings
 
 
 @pytest.mark.parametrize('options, complaint', [
-    (['--speed', 'slow'], "argument --speed: wanted a positive number \\(times real time\\), got 'slow'"),
-    (['--port', '70000'], "argument --port: wanted a whole number in 0 .. 65535, got '70000'"),
-    (['--machine', 'none.yaml'], 'none.yaml: wanted a machine file that can be read, got No such file')])
+    (['--speed', 'slow'], "argument --speed: expected a positive number \\(times real time\\), found 'slow'"),
+    (['--port', '70000'], "argument --port: expected a whole number in 0 .. 65535, found '70000'"),
+    (['--machine', 'none.yaml'], 'none.yaml: expected a machine file that can be read, found No such file')])
 def test_what_is_refused(capsys, options, complaint):
     assert main(['dme', 'serve', '--port', '0', *options]) == 2
     assert re.match(f'rosette: {complaint}', capsys.readouterr().err)

@@ -84,7 +84,7 @@ def test_a_machine_that_is_not_ready(settings, capfd):
         assert main(['dme', 'check', '--settings', path]) == 2
     out, err = capfd.readouterr()
     assert 'no: home it at the machine' in out
-    assert 'wanted a homed machine, got IsHomed(0)' in ' '.join(out.split())
+    assert 'expected a homed machine, found IsHomed(0)' in ' '.join(out.split())
     assert err == 'rosette: dme check: not passed: homed, settings, paths (docs/real-cmm.md)\n'
 
 
@@ -213,10 +213,10 @@ def test_the_picture_of_a_path_is_true(count):
 
 
 @pytest.mark.parametrize(('changes', 'arguments', 'words'), [
-    ({'path': {'stand_off_mm': 40.0, 'clearance_mm': 80.0}}, [], 'wanted at least 20 mm between tip and'),
-    ({}, ['--ball', '9'], 'dme path: --ball: wanted 1 .. 4, got 9'),
-    ({'table': {'azimuths_deg': [0.0, 90.0, 180.0]}}, ['--ball', '4'], 'dme path: --ball: wanted 1 .. 3, got 4'),
-    ({}, ['--position', '5'], 'dme path: --position: wanted 1 .. 4, got 5'),
+    ({'path': {'stand_off_mm': 40.0, 'clearance_mm': 80.0}}, [], 'expected at least 20 mm between tip and'),
+    ({}, ['--ball', '9'], 'dme path: --ball: expected 1 .. 4, found 9'),
+    ({'table': {'azimuths_deg': [0.0, 90.0, 180.0]}}, ['--ball', '4'], 'dme path: --ball: expected 1 .. 3, found 4'),
+    ({}, ['--position', '5'], 'dme path: --position: expected 1 .. 4, found 5'),
 ])
 def test_paths_that_are_refused(settings, capfd, changes, arguments, words):
     """In one line."""
@@ -225,16 +225,16 @@ def test_paths_that_are_refused(settings, capfd, changes, arguments, words):
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    ([], 'wanted HOST[:PORT] or --settings FILE, one of the two'),
-    (['a:b:c'], "wanted HOST or HOST:PORT, got 'a:b:c'"),
-    (['::1'], "wanted HOST or HOST:PORT, got '::1'; an IPv6 address stands in brackets, as [::1]:1294"),
-    (['[::1'], "wanted HOST or HOST:PORT, got '[::1'"),
-    (['[::1]1294'], "wanted HOST or HOST:PORT, got '[::1]1294'"),
-    (['localhost:65536'], "wanted HOST or HOST:PORT, got 'localhost:65536'"),
-    (['localhost:'], "wanted HOST or HOST:PORT, got 'localhost:'"),
-    (['[::1]:1'], 'rosette: [::1]:1: wanted a connection, got '),
+    ([], 'expected HOST[:PORT] or --settings FILE, one of the two'),
+    (['a:b:c'], "expected HOST or HOST:PORT, found 'a:b:c'"),
+    (['::1'], "expected HOST or HOST:PORT, found '::1'; an IPv6 address stands in brackets, as [::1]:1294"),
+    (['[::1'], "expected HOST or HOST:PORT, found '[::1'"),
+    (['[::1]1294'], "expected HOST or HOST:PORT, found '[::1]1294'"),
+    (['localhost:65536'], "expected HOST or HOST:PORT, found 'localhost:65536'"),
+    (['localhost:'], "expected HOST or HOST:PORT, found 'localhost:'"),
+    (['[::1]:1'], 'rosette: [::1]:1: expected a connection, found '),
     (['127.0.0.1:1'], 'is the I++ server started, and is host:port right?'),
-    (['--settings', '/nowhere.yaml'], '/nowhere.yaml: wanted a settings file of an I++ CMM that can be read'),
+    (['--settings', '/nowhere.yaml'], '/nowhere.yaml: expected a settings file of an I++ CMM that can be read'),
 ])
 def test_checks_that_are_refused(capfd, arguments, words):
     """In one line."""
@@ -243,8 +243,8 @@ def test_checks_that_are_refused(capfd, arguments, words):
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    (['--cmm', 'dme'], 'cell: wanted --cmm dme and --settings FILE together'),
-    (['--settings', 'x.yaml'], 'cell: wanted --cmm dme and --settings FILE together'),
+    (['--cmm', 'dme'], 'cell: expected --cmm dme and --settings FILE together'),
+    (['--settings', 'x.yaml'], 'cell: expected --cmm dme and --settings FILE together'),
     (['--cmm', 'dme', '--settings', 'dme.yaml', '--machine', 'dme.yaml'], 'cell: --machine describes a simulated CMM'),
     (['--cmm', 'dme', '--settings', 'dme.yaml', '--no-simulation'], 'cell: --cmm dme starts a CMM'),
 ])

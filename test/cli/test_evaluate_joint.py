@@ -138,21 +138,22 @@ def test_two_runs_about_x_have_the_names_of_an_a_axis(rosette, tmp_path):
 def test_runs_about_different_axes_are_refused(refused, tmp_path):
     """One set of curves has one axis; what states none is taken as upright."""
     along_x = about(tmp_path, [1, 0, 0], 'random')
-    assert ('wanted runs of a table about one axis, got (1, 0, 0) in random and (0, 1, 0) in diagonal; evaluate them '
+    assert ('expected runs of a table about one axis, found (1, 0, 0) in random and (0, 1, 0) in diagonal; evaluate '
+            'them '
             'apart') in refused('evaluate', along_x, about(tmp_path, [0, 1, 0], 'diagonal'), '--joint')
-    assert 'got (1, 0, 0) in random and (0, 0, 1), as none is stated, in column; evaluate them apart' in refused(
+    assert 'found (1, 0, 0) in random and (0, 0, 1), as none is stated, in column; evaluate them apart' in refused(
         'report', along_x, about(tmp_path, None, 'column'), '--joint')
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('table: shared\n', 'wanted a mapping with "schema: rosette-sharing/1"'),
-    (SHARED + 'tabel: shared\n', "got 'tabel'; did you mean 'table'"),
-    (SHARED + 'table: [a]\n', r'table: wanted shared, separate, or a name for each of 2 runs such as [1, 2]'),
-    (SHARED + 'seat: cone\n', "seat: wanted one of free, plane, pilot, both, got 'cone'"),
-    (SHARED + 'seat: [1]\n', 'seat: wanted one of free, plane, pilot, both, got [1]'),
-    (SHARED + 'by_sense: 1\n', 'by_sense: wanted true or false, got 1'),
-    (SHARED + 'plate_turned_deg: [0, .nan]\n', 'plate_turned_deg: wanted an angle in degrees for each of 2 runs'),
-    (SHARED + 'plate_turned_deg: [0, 10]\n', 'turned by 10 deg: wanted whole pitches of 45 deg')])
+    ('table: shared\n', 'expected a mapping with "schema: rosette-sharing/1"'),
+    (SHARED + 'tabel: shared\n', "found 'tabel'; did you mean 'table'"),
+    (SHARED + 'table: [a]\n', r'table: expected shared, separate, or a name for each of 2 runs such as [1, 2]'),
+    (SHARED + 'seat: cone\n', "seat: expected one of free, plane, pilot, both, found 'cone'"),
+    (SHARED + 'seat: [1]\n', 'seat: expected one of free, plane, pilot, both, found [1]'),
+    (SHARED + 'by_sense: 1\n', 'by_sense: expected true or false, found 1'),
+    (SHARED + 'plate_turned_deg: [0, .nan]\n', 'plate_turned_deg: expected an angle in degrees for each of 2 runs'),
+    (SHARED + 'plate_turned_deg: [0, 10]\n', 'turned by 10 deg: expected whole pitches of 45 deg')])
 def test_sharing_files_that_mean_nothing_are_refused(refused, tmp_path, text, words):
     """In one line with the key."""
     share = tmp_path / 'share.yaml'
@@ -162,6 +163,6 @@ def test_sharing_files_that_mean_nothing_are_refused(refused, tmp_path, text, wo
 
 def test_options_that_do_not_go_together_are_refused(refused, back):
     """Several runs without --joint; a model or a run_id with it."""
-    assert 'wanted one RUN, got 2; --joint evaluates several as one' in refused('evaluate', back, back)
-    assert 'wanted no --model' in refused('evaluate', back, '--joint', '--model', 'model.yaml')
-    assert 'got --run-id' in refused('evaluate', back, back, '--joint', '--run-id', 'x')
+    assert 'expected one RUN, found 2; --joint evaluates several as one' in refused('evaluate', back, back)
+    assert 'expected no --model' in refused('evaluate', back, '--joint', '--model', 'model.yaml')
+    assert 'found --run-id' in refused('evaluate', back, back, '--joint', '--run-id', 'x')

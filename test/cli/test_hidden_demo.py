@@ -79,7 +79,8 @@ def test_a_key_opens_the_envelope_and_another_leaves_it_shut(tmp_path, module_do
 
 def test_a_run_without_an_envelope_is_refused(refused, make_table):
     """In words."""
-    assert 'wanted the log of `rosette demo --hidden`, got none with envelope.json' in refused('envelope', make_table())
+    words = refused('envelope', make_table())
+    assert 'expected the log of `rosette demo --hidden`, found none with envelope.json' in words
 
 
 def test_sections_in_order(shown):

@@ -20,7 +20,7 @@ from rosette_ros.invocation import __version__
 SOURCE = 'this needs ROS 2: source the set-up file of ROS 2 and of the workspace'
 
 
-@pytest.mark.parametrize('words, wanted', [
+@pytest.mark.parametrize('words, expected', [
     (('evalute', 'run.csv'), "Unknown verb 'evalute'. Did you mean evaluate?"),
     (('xyz',), "Unknown verb 'xyz'. rosette --help lists them."),
     (('evaluate', 'run.csv', '--jsn'), "Unknown option '--jsn'. Did you mean --json?"),
@@ -49,7 +49,7 @@ def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
                           check=False)
     assert done.returncode == 2
     assert done.stdout == ''
-    assert done.stderr == f'rosette: {verb}: wanted the Python package {package}, got none; {what_to_do}\n'
+    assert done.stderr == f'rosette: {verb}: expected the Python package {package}, found none; {what_to_do}\n'
 
 
 def test_without_a_verb_comes_the_help(capsys):
@@ -228,7 +228,8 @@ def test_an_output_that_is_full_or_closed_is_said(words):
     with open('/dev/full', 'w') as full:
         made = subprocess.run([sys.executable, '-m', 'rosette_ros.cli.main', *words], stdout=full,
                               stderr=subprocess.PIPE, text=True, timeout=60)
-    assert (made.returncode, made.stderr) == (2, 'rosette: stdout: wanted an output that can be written, got: No space '
+    assert (made.returncode, made.stderr) == (2, 'rosette: stdout: expected an output that can be written, found: No '
+                                                 'space '
                                               'left on device; write elsewhere\n')
 
 
@@ -236,7 +237,8 @@ def test_a_closed_output_is_said(monkeypatch, capfd):
     """As after >&-."""
     monkeypatch.setattr(sys, 'stdout', None)
     assert main(['--help']) == 2
-    assert capfd.readouterr().err == ('rosette: stdout: wanted an output that can be written, got a closed one; leave '
+    assert capfd.readouterr().err == ('rosette: stdout: expected an output that can be written, found a closed one; '
+                                      'leave '
                                       'out >&-\n')
 
 

@@ -151,20 +151,20 @@ def test_a_term_of_ones_own(rosette, model):
 
 REFUSED = {
     'unknown effect': (('frame_drif',), "Unknown effect 'frame_drif'. Did you mean frame_drift?"),
-    'unknown setting': (('frame_warmup', '--set', 'time=3'), 'wanted settings among axes, tau'),
+    'unknown setting': (('frame_warmup', '--set', 'time=3'), 'expected settings among axes, tau'),
     'word for a number': (('frame_warmup', '--set', 'tau=long'),
-                          "effect frame_warmup: tau: wanted a positive number (s), got 'long'"),
-    'negative': (('frame_cycle', '--set', 'period=-3'), 'wanted a positive number (s), got -3'),
-    'no assignment': (('frame_warmup', '--set', 'tau'), 'wanted NAME=VALUE such as tau=600'),
+                          "effect frame_warmup: tau: expected a positive number (s), found 'long'"),
+    'negative': (('frame_cycle', '--set', 'period=-3'), 'expected a positive number (s), found -3'),
+    'no assignment': (('frame_warmup', '--set', 'tau'), 'expected NAME=VALUE such as tau=600'),
     'base term twice, with a setting': (('cmm_deviations', '--set', 'a=1'),
                                  'cmm_deviations is already in '),
     'base term twice': (('cmm_deviations',), 'cmm_deviations is already in '),
-    'both kinds': (('wave', '--direction', 'z', '--expression', 't', '--set', 'a=1'), 'got both'),
-    'no expression': (('wave', '--direction', 'z'), 'wanted the key expression'),
+    'both kinds': (('wave', '--direction', 'z', '--expression', 't', '--set', 'a=1'), 'found both'),
+    'no expression': (('wave', '--direction', 'z'), 'expected the key expression'),
     'unknown direction': (('wave', '--direction', 'up', '--expression', 't'),
-                          "direction: wanted one of x, y, z, axial"),
+                          "direction: expected one of x, y, z, axial"),
     'not arithmetic': (('wave', '--direction', 'z', '--expression', '__import__("os")'),
-                       'expression: wanted'),
+                       'expression: expected'),
     'a name of the library': (('frame_drift', '--direction', 'z', '--expression', 't'),
                               'frame_drift is the name of a library effect'),
 }
@@ -182,7 +182,7 @@ def test_a_choice_that_the_run_does_not_offer(refused, model):
     """What can be chosen is listed."""
     line = refused('add', 'ball_slip', '--set', 'ball=9', '--model', model, '--run',
                    simulated_table())
-    assert 'effect ball_slip: ball: wanted one of 1, 2, 3, 4, 5, 6, 7, 8, got 9' in line
+    assert 'effect ball_slip: ball: expected one of 1, 2, 3, 4, 5, 6, 7, 8, found 9' in line
     assert not model.exists()
 
 
@@ -224,7 +224,7 @@ def test_a_broken_file_is_left_alone(refused, model):
     """It is named, with line and column, and keeps its content."""
     model.write_text('effects: [frame_drift\n', encoding='utf-8')
     line = refused('add', 'plate_warp', '--model', model)
-    assert str(model) in line and 'wanted YAML' in line
+    assert str(model) in line and 'expected YAML' in line
     assert model.read_text(encoding='utf-8') == 'effects: [frame_drift\n'
 
 

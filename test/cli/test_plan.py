@@ -71,19 +71,19 @@ def test_seed_draws_the_random_order(rosette):
 
 
 @pytest.mark.parametrize(('words', 'message'), [
-    (('--balls', 2), 'number of balls: wanted a whole number of at least 3, got 2; with fewer '
+    (('--balls', 2), 'number of balls: expected a whole number of at least 3, found 2; with fewer '
                      'the table, plate and CMM cannot be separated'),
     (('--order', 'zigzag'), "Unknown order 'zigzag'. Known: row, diagonal, column, random, interleaved, "
                              'there_and_back, row_there_and_back.'),
     (('--turning', 'left'), "Unknown turning 'left'. Known: forward, alternate, clockwise, counterclockwise."),
-    (('--balls', '6.5'), "--balls: wanted a whole number of at most 1000, got '6.5'"),
-    (('--balls', '100000'), "--balls: wanted a whole number of at most 1000, got '100000'"),
-    (('--radius-mm', '-1'), "--radius-mm: wanted a positive number (mm), got '-1'"),
-    (('--radius-mm', 'nan'), "--radius-mm: wanted a positive number (mm), got 'nan'"),
-    (('--table-offset-deg', '-5'), '--table-offset-deg: wanted an angle above 0 and below one step of the table, deg '
-                                   "(for 0 leave the option out), got '-5'"),
+    (('--balls', '6.5'), "--balls: expected a whole number of at most 1000, found '6.5'"),
+    (('--balls', '100000'), "--balls: expected a whole number of at most 1000, found '100000'"),
+    (('--radius-mm', '-1'), "--radius-mm: expected a positive number (mm), found '-1'"),
+    (('--radius-mm', 'nan'), "--radius-mm: expected a positive number (mm), found 'nan'"),
+    (('--table-offset-deg', '-5'), '--table-offset-deg: expected an angle above 0 and below one step of the table, deg '
+                                   "(for 0 leave the option out), found '-5'"),
     (('--format', 'png'), 'plan: --format goes with --figures only; leave it out'),
-    (('--seed', '-1'), '--seed: wanted a whole number in 0 .. '),
+    (('--seed', '-1'), '--seed: expected a whole number in 0 .. '),
 ])
 def test_what_cannot_be_planned(refused, words, message):
     """Each in one line with what was wanted and what came."""
@@ -93,7 +93,7 @@ def test_what_cannot_be_planned(refused, words, message):
 
 def test_a_missing_option_is_named(refused):
     """A missing option is named."""
-    assert 'plan: wanted either --order, or plan files' in refused('plan', '--balls', 6, '--radius-mm', 182.5)
+    assert 'plan: expected either --order, or plan files' in refused('plan', '--balls', 6, '--radius-mm', 182.5)
 
 
 def test_what_a_reduced_plan_determines(rosette):
@@ -109,7 +109,7 @@ def test_the_template_is_a_table_to_be_filled(rosette, refused, tmp_path):
     """Filled in it is a run; rows that stay empty are missing balls, which are named; empty it is none."""
     path = tmp_path / 'mine.csv'
     path.write_text(rosette('plan', '--balls', 4, '--order', 'diagonal', '--radius-mm', 182.5, '--csv-template').out)
-    assert 'wanted rows of ball centres, got none' in refused('evaluate', path)
+    assert 'expected rows of ball centres, found none' in refused('evaluate', path)
     targets = rosette('plan', '--balls', 4, '--order', 'diagonal', '--radius-mm', 182.5, '--csv').out.splitlines()[1:]
     lines = path.read_text().splitlines()
     names = lines[3].split(',')
@@ -187,7 +187,7 @@ def test_effects_of_many_balls_are_not_judged(rosette):
 
 def test_an_axis_without_direction_is_named(refused):
     """By its option."""
-    assert '--axis: wanted 3 finite numbers that are not all 0, got 0 0 0' in refused('demo', '--axis', 0, 0, 0)
+    assert '--axis: expected 3 finite numbers that are not all 0, found 0 0 0' in refused('demo', '--axis', 0, 0, 0)
 
 
 def test_pictures_of_plans(rosette, tmp_path):
@@ -213,7 +213,7 @@ def test_what_a_plan_shows_depends_on_the_axis(rosette, refused):
     assert 'ball_sag' not in upright
     assert lying['ball_sag']['typical_visible_fraction'] > 0.3
     assert '(0, 1, 0)' in rosette(*plan, '--axis', 0, 1, 0).out
-    assert '--axis: wanted 3 numbers that are not all 0, got [0.0' in refused(*plan, '--axis', 0, 0, 0)
+    assert '--axis: expected 3 numbers that are not all 0, found [0.0' in refused(*plan, '--axis', 0, 0, 0)
 
 
 def test_the_places_of_the_help_can_be_measured(rosette):
@@ -235,17 +235,18 @@ def test_a_plate_of_fewer_balls_than_positions_is_called_so(rosette, tmp_path):
 
 
 @pytest.mark.parametrize(('words', 'message'), [
-    (('row', 'diagonal'), 'plan: wanted --balls and --radius-mm with an order, or a plan file'),
+    (('row', 'diagonal'), 'plan: expected --balls and --radius-mm with an order, or a plan file'),
     (('rows', '--balls', 6, '--radius-mm', 100), "Unknown order 'rows'. Did you mean row?"),
-    (('nothing.csv',), 'nothing.csv: wanted a plan file, or one of row, diagonal'),
+    (('nothing.csv',), 'nothing.csv: expected a plan file, or one of row, diagonal'),
     (('row:3', '--balls', 12, '--radius-mm', 100), '3 of 12 CMM positions do not determine the curves'),
     (('row', '--balls', 12, '--radius-mm', 100, '--balls-of', 1), '1 of 12 balls do not determine the curves'),
     (('row', '--balls', 12, '--radius-mm', 100, '--share', 1.5),
-     "--share: wanted a part of the CMM positions, above 0 and at most 1, got '1.5'"),
-    (('row', '--order', 'row'), 'plan: wanted either --order, or plan files and orders to compare'),
-    (('row', '--balls', 6, '--radius-mm', 100, '-o', 'plan.txt'), '--output: wanted a name that ends in .csv, got'),
-    (('row', 'column', '--balls', 6, '--radius-mm', 100, '-o', 'plan.csv'), 'wanted one plan to write, got several'),
-    (13 * ('row',), 'plan: wanted at most 12 plans, got 13')])
+     "--share: expected a part of the CMM positions, above 0 and at most 1, found '1.5'"),
+    (('row', '--order', 'row'), 'plan: expected either --order, or plan files and orders to compare'),
+    (('row', '--balls', 6, '--radius-mm', 100, '-o', 'plan.txt'), '--output: expected a name that ends in .csv, found'),
+    (('row', 'column', '--balls', 6, '--radius-mm', 100, '-o', 'plan.csv'), 'expected one plan to write, found '
+                                                                            'several'),
+    (13 * ('row',), 'plan: expected at most 12 plans, found 13')])
 def test_what_cannot_be_compared(refused, words, message):
     """One line each."""
     assert message in refused('plan', *words)

@@ -74,7 +74,7 @@ def test_json_has_every_touch(rosette, lobed):
 def test_a_table_has_no_touches(refused):
     """One line, with what to give instead."""
     assert refused('evaluate', simulated_table(), '--refit-spheres').endswith(
-        '.csv: wanted touches to fit the spheres again, got none: a table holds ball centres only; give the log of '
+        '.csv: expected touches to fit the spheres again, found none: a table holds ball centres only; give the log of '
         'the run\n')
 
 
@@ -83,11 +83,11 @@ def test_a_table_with_a_plate_file_has_no_touches(refused, tmp_path):
     table = tmp_path / 'run.csv'
     table.write_text('# schema: rosette-ball-centres/1\n# plate: plate.yaml\n')
     assert refused('evaluate', table, '--refit-spheres') == (
-        'rosette: --refit-spheres: wanted the log of a run, which has its touches, got the table '
+        'rosette: --refit-spheres: expected the log of a run, which has its touches, found the table '
         f'{table} with ball centres only; leave the option out\n')
 
 
 def test_several_runs_are_not_refitted(refused, lobed, clean):
     """One run at a time."""
     assert refused('evaluate', lobed, clean, '--joint', '--refit-spheres') == (
-        'rosette: --refit-spheres: wanted one run, got several as one; leave --joint out\n')
+        'rosette: --refit-spheres: expected one run, found several as one; leave --joint out\n')

@@ -61,7 +61,7 @@ def test_an_incomplete_import_cannot_be_replayed(rosette, make_table, tmp_path):
     """Too little for an evaluation: reported before anything is published."""
     table = make_table(edit=lambda lines: ['# balls: 6', *lines[:15]])
     rosette('import', table, '-o', tmp_path / 'log')
-    with pytest.raises(InvalidData, match='wanted all 36 ball centres, .* got 10; try rosette'):
+    with pytest.raises(InvalidData, match='expected all 36 ball centres, .* got 10; try rosette'):
         expected_motions(read_log(tmp_path / 'log'))
 
 

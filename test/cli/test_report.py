@@ -101,22 +101,22 @@ def test_tables_are_files_of_their_folder(rosette, here, names, files):
 
 
 @pytest.mark.parametrize(('words', 'said'), [
-    (('RUN', 'RUN'), 'wanted one RUN, got 2; --joint evaluates several as one'),
+    (('RUN', 'RUN'), 'expected one RUN, found 2; --joint evaluates several as one'),
     (('RUN', '--joint', '--overlay', 'RUN'), 'report: --overlay does not go with --joint; leave it out'),
-    ((), 'wanted either RUN or --compare RUN RUN RUN RUN'),
-    (('RUN', '--compare', 'RUN', 'RUN', 'RUN', 'RUN'), 'wanted either RUN or --compare'),
-    (('--compare', 'RUN', 'RUN'), r'wanted four runs or six, got 2: (i) all corrected, (ii) plate turned'),
+    ((), 'expected either RUN or --compare RUN RUN RUN RUN'),
+    (('RUN', '--compare', 'RUN', 'RUN', 'RUN', 'RUN'), 'expected either RUN or --compare'),
+    (('--compare', 'RUN', 'RUN'), r'expected four runs or six, found 2: (i) all corrected, (ii) plate turned'),
     (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--overlay', 'RUN'), '--overlay does not go with --compare'),
     (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--run-id', 'x'), '--run-id does not go with --compare'),
     (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--joint'), '--joint does not go with --compare; leave it out'),
     (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--share', 'RUN'), '--share does not go with --compare; leave it out'),
     (('RUN', '--maker', 'RUN'), '--maker goes with --compare only'),
-    (('RUN', '--run-id', 'other'), "wanted run 'other', got 'clean_1'"),
+    (('RUN', '--run-id', 'other'), "expected run 'other', found 'clean_1'"),
     (('RUN', '--format', 'gif'), 'Unknown value'),
     (('RUN', '--format', 'png'), '--format goes with --figures only; leave it out'),
-    (('nowhere.csv',), 'nowhere.csv: wanted a log directory, an .mcap file or a CSV table'),
+    (('nowhere.csv',), 'nowhere.csv: expected a log directory, an .mcap file or a CSV table'),
     (('RUN', '-o', 'nowhere/page.html'),
-     'nowhere/page.html: wanted a name in a folder that exists, got none; make nowhere first'),
+     'nowhere/page.html: expected a name in a folder that exists, found none; make nowhere first'),
 ])
 def test_what_cannot_be_reported(refused, here, words, said):
     """One line; no file is left behind."""
@@ -150,7 +150,7 @@ def test_a_table_about_another_axis_is_not_laid_over(refused, here):
     config = MachineConfig().changed(plate={'balls': 6}, placement={'axis': (1.0, 0.0, 0.0)})
     write_csv(Machine(config).run(plan(6, 'diagonal'), run_id='lying'), lying)
     said = refused('report', upright, '-o', 'page.html', '--overlay', lying)
-    assert 'wanted runs of a table about one axis, got (' in said and ' in lying; evaluate them apart' in said
+    assert 'expected runs of a table about one axis, found (' in said and ' in lying; evaluate them apart' in said
     assert not (here / 'page.html').exists()
 
 

@@ -143,7 +143,7 @@ def test_faulty_logs(refused, tmp_path):
     other.write_bytes(b'x' * 1000)
     for verb in ('evaluate', 'info', 'replay'):
         assert f'{empty}: is empty' in refused(verb, empty)
-        assert f'{folder}: wanted a log directory with .mcap files, got none' in refused(
+        assert f'{folder}: expected a log directory with .mcap files, found none' in refused(
             verb, folder)
         assert str(other) in refused(verb, other)
 
@@ -182,10 +182,10 @@ def test_a_log_with_two_runs_asks_which(rosette, refused, make_table, tmp_path):
         rosette('import', make_table(n, name=f'{n}.csv'), '-o', tmp_path / f'log{n}')
     both = merged(tmp_path / 'both.mcap', tmp_path / 'log6', tmp_path / 'log7')
     line = refused('evaluate', both)
-    assert f'{both}: wanted one run, got 2: test_diagonal_6, test_diagonal_7' in line
+    assert f'{both}: expected one run, found 2: test_diagonal_6, test_diagonal_7' in line
     got = json.loads(rosette('evaluate', both, '--run-id', 'test_diagonal_7', '--json').out)
     assert_same_curves(evaluation(rosette, tmp_path / 'log7'), got)
-    assert "wanted run 'noon', got test_diagonal_6, test_diagonal_7" in refused(
+    assert "expected run 'noon', found test_diagonal_6, test_diagonal_7" in refused(
         'export', both, '-o', tmp_path / 'x.csv', '--run-id', 'noon')
     runs = json.loads(rosette('info', both, '--json').out)['runs']
     assert [run['run_id'] for run in runs] == ['test_diagonal_6', 'test_diagonal_7']
@@ -208,4 +208,4 @@ def test_messages_name_the_file_that_was_given(refused, tmp_path):
     """A path with spaces, on one line."""
     path = Path(tmp_path / 'my run.csv')
     path.write_text('a,b\n1,2\n')
-    assert f'{path}: wanted "# schema: rosette-ball-centres/1"' in refused('evaluate', path)
+    assert f'{path}: expected "# schema: rosette-ball-centres/1"' in refused('evaluate', path)

@@ -83,14 +83,15 @@ def test_a_run_cancelled_at_its_begin_is_told_as_that(rosette, tmp_path, answers
     assert (found['problem'], found['n'], found['readings'], found['verdict']) == (
         f'6 balls, cancelled after {measured} of 36', 6, measured, None)
     out = rosette('info', tmp_path / 'log').out
-    assert f'cancelled after {measured} of 36' in out and 'wanted' not in out and 'not measured' not in out
+    assert f'cancelled after {measured} of 36' in out and 'expected' not in out and 'not measured' not in out
 
 
 def test_a_folder_of_runs_is_no_run(refused, folder, tmp_path):
     """They are named."""
-    assert (f'{folder}: wanted a run, got a folder of 2: drift.csv, clean.csv; name one of them (rosette runs lists '
+    assert (f'{folder}: expected a run, found a folder of 2: drift.csv, clean.csv; name one of them (rosette runs '
+            f'lists '
             'them)') in refused('evaluate', folder)
-    assert 'wanted a folder of runs that can be read, got No such file' in refused('runs', tmp_path / 'none')
+    assert 'expected a folder of runs that can be read, found No such file' in refused('runs', tmp_path / 'none')
 
 
 def test_what_is_no_run_is_passed_over(rosette, refused, folder):
@@ -107,11 +108,11 @@ def test_what_is_no_run_is_passed_over(rosette, refused, folder):
     os.mkfifo(folder / 'pipes' / 'x_1.mcap.zstd')
     found = json.loads(rosette('runs', folder, '--json').out)['runs']
     assert [Path(one['path']).name for one in found] == ['drift.csv', 'clean.csv']
-    assert 'got a folder of 2: drift.csv, clean.csv' in refused('evaluate', folder)
-    assert 'wanted a log directory with .mcap files, got none in it' in refused('info', folder / 'pipes')
-    assert 'got a device or a pipe' in refused('info', folder / 'pipe.mcap')
-    assert 'got a folder of 2: drift.csv, clean.csv' in refused('info', folder)
-    assert 'several: wanted a run, got a folder of 2: ' in refused('info', folder / 'several')
+    assert 'found a folder of 2: drift.csv, clean.csv' in refused('evaluate', folder)
+    assert 'expected a log directory with .mcap files, found none in it' in refused('info', folder / 'pipes')
+    assert 'found a device or a pipe' in refused('info', folder / 'pipe.mcap')
+    assert 'found a folder of 2: drift.csv, clean.csv' in refused('info', folder)
+    assert 'several: expected a run, found a folder of 2: ' in refused('info', folder / 'several')
 
 
 def test_the_home_of_the_user_is_found_in_every_option(rosette, folder, monkeypatch):
@@ -167,4 +168,4 @@ def test_the_shell_finds_rosette_and_ros(refused, tmp_path):
         assert typed.end() == 0
     assert str(Path(sys.prefix) / 'bin' / 'python') in typed.screen.splitlines()
     assert shell('sh', '-c', 'command -v rosette') == str(Path(sys.prefix) / 'bin' / 'rosette')
-    assert "got 'no-such-command', which is not found" in refused('shell', 'no-such-command')
+    assert "found 'no-such-command', which is not found" in refused('shell', 'no-such-command')

@@ -117,7 +117,7 @@ def test_several_runs_as_one_have_it_too(rosette, refused, table, tmp_path):
     assert 'does not contain what this order cannot show; ' in evaluated(rosette, table, '--joint')['verdict']
     path = tmp_path / 'b.yaml'
     path.write_text('schema: rosette-budget/1\nradius: {u_um: 1}\n')
-    assert 'wanted the section environment only with several runs as one, got radius; leave it out' in refused(
+    assert 'expected the section environment only with several runs as one, found radius; leave it out' in refused(
         'evaluate', table, '--joint', '--inputs', path)
 
 
@@ -175,7 +175,7 @@ def test_earlier_runs_of_a_cell_state_its_environment(rosette, refused, tmp_path
         ['--inputs', file], ['--environment', 'workshop'], []))
     assert max(cell['crz_rad']) > 3 * max(alone['crz_rad'])
     assert max(alone['ctz_m']) < max(cell['ctz_m']) < max(shop['ctz_m'])
-    assert 'wanted diagnosed runs of table RT-8 whose logs are still there, got none of 0 runs' in refused(
+    assert 'expected diagnosed runs of table RT-8 whose logs are still there, found none of 0 runs' in refused(
         'archive', 'environment', archive.folder, '--table', 'RT-8')
 
 

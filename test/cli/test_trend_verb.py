@@ -122,11 +122,11 @@ def test_noise_that_grows_is_told_as_noise():
 def test_an_unknown_table_is_one_line(archive, refused):
     """With those that there are."""
     assert refused('trend', archive, '--table', 'RT-8') == (
-        f"rosette: {archive}: wanted dated runs of table 'RT-8', got none; it has tables 'RT-7'\n")
+        f"rosette: {archive}: expected dated runs of table 'RT-8', found none; it has tables 'RT-7'\n")
     assert refused('trend', archive) == (
-        f"rosette: {archive}: wanted --table, as every run states one, got none; it has tables 'RT-7'\n")
+        f"rosette: {archive}: expected --table, as every run states one, found none; it has tables 'RT-7'\n")
     assert refused('trend', archive, '--table', 'RT-7', '--model', 'zzz') == (
-        f"rosette: {archive}: wanted runs of table 'RT-7' under a model 'zzz', got none; it has models "
+        f"rosette: {archive}: expected runs of table 'RT-7' under a model 'zzz', found none; it has models "
         f'{Model().hash[:12]}\n')
 
 
@@ -134,7 +134,7 @@ def test_runs_without_a_date_are_named(refused, tmp_path):
     """With what to state."""
     archive = RunArchive(tmp_path / 'plant', make=True)
     archive.add([{**row, 'measured_at': None} for row in rows_of(lambda day: plate(3), 2)])
-    assert ("wanted dated runs of table 'RT-7', got 2 runs without a date; state measured.begin in the identity"
+    assert ("expected dated runs of table 'RT-7', found 2 runs without a date; state measured.begin in the identity"
             in refused('trend', archive.folder, '--table', 'RT-7'))
 
 
@@ -151,7 +151,7 @@ def test_runs_of_another_number_of_balls_are_named(rosette, tmp_path):
 
 def test_few_runs_have_no_trend():
     """In words."""
-    with pytest.raises(InvalidData, match="trend of table 'a': wanted at least 8 dated runs, got 3"):
+    with pytest.raises(InvalidData, match="trend of table 'a': expected at least 8 dated runs, found 3"):
         history_of(rows_of(lambda day: plate(3), 3), 'a')
 
 
@@ -169,7 +169,7 @@ def test_runs_between_the_steps_are_left_out():
     history = history_of(rows, 'a')
     assert history.left_out == (rows[4]['run_id'],)
     assert len(history.runs) == 8
-    with pytest.raises(InvalidData, match='at least 8 dated runs, got 7, and 1 run between the steps of the table'):
+    with pytest.raises(InvalidData, match='at least 8 dated runs, found 7, and 1 run between the steps of the table'):
         history_of(rows[1:], 'a')
 
 

@@ -67,8 +67,9 @@ def test_touches_of_a_log_are_a_line(rosette, tmp_path):
 def test_mistakes_are_named(rosette, tmp_path):
     """One line each."""
     run = simulated_table(n=6)
-    assert 'wanted a file name that ends with .png, .svg, .pdf' in rosette('budget', run, '-o', 'bars.gif').err
-    assert 'wanted a whole number in 100 .. 1000000' in rosette('budget', run, '--monte-carlo', '5').err
+    assert 'expected a file name that ends with .png, .svg, .pdf' in rosette('budget', run, '-o', 'bars.gif').err
+    assert 'expected a whole number in 100 .. 1000000' in rosette('budget', run, '--monte-carlo', '5').err
     assert '--seed goes with --monte-carlo only; leave it out' in rosette('budget', run, '--seed', '3').err
     (tmp_path / 'bad.yaml').write_text('schema: rosette-budget/1\nform: 3\n')
-    assert 'bad.yaml: wanted one of touches, ball_form' in rosette('budget', run, '--inputs', tmp_path / 'bad.yaml').err
+    words = rosette('budget', run, '--inputs', tmp_path / 'bad.yaml').err
+    assert 'bad.yaml: expected one of touches, ball_form' in words

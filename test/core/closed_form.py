@@ -18,7 +18,7 @@ def closed_form(run):
     if not run.is_complete:
         raise NotDeterminable(
             f'{run.source}: the closed form needs every ball once in every table position, '
-            f'{run.n**2} ball centres; got {run.size}. Use the least-squares fit')
+            f'{run.n**2} ball centres; found {run.size}. Use the least-squares fit')
     n = run.n
     x, y, z = (_grid(run, axis) for axis in range(3))
     phi = nominal_angles(n)

@@ -68,9 +68,9 @@ def test_visibility_of_some_effects_is_that_of_all():
 
 
 @pytest.mark.parametrize(('name', 'fixed', 'words'), [
-    ('frame_drift', {'axes': 'xx'}, "axes: wanted one of x, xyz, y, z, got 'xx'"),
-    ('outlier', {'reading': 99}, 'reading: wanted one of 1, 2, 3, ..., 36, got 99'),
-    ('plate_expansion', {'driver': 'temperature'}, 'driver: wanted one of time, got'),
+    ('frame_drift', {'axes': 'xx'}, "axes: expected one of x, xyz, y, z, found 'xx'"),
+    ('outlier', {'reading': 99}, 'reading: expected one of 1, 2, 3, ..., 36, found 99'),
+    ('plate_expansion', {'driver': 'temperature'}, 'driver: expected one of time, found'),
 ])
 def test_a_choice_that_the_run_does_not_offer(name, fixed, words):
     """Is refused before it is fitted; what can be chosen is listed."""
@@ -87,11 +87,11 @@ def test_a_ball_that_was_not_measured_is_not_judged():
 
 
 @pytest.mark.parametrize(('name', 'fixed', 'words'), [
-    ('frame_warmup', {'tau': 'long'}, r"tau: wanted a positive number \(s\), got 'long'"),
-    ('frame_warmup', {'tau': -1.0}, 'tau: wanted a positive number'),
-    ('frame_step', {'t0': float('nan')}, 't0: wanted a number'),
-    ('frame_step', {'t0': True}, 't0: wanted a number'),
-    ('ball_slip', {'ball': [1]}, 'ball: wanted a number or a word'),
+    ('frame_warmup', {'tau': 'long'}, r"tau: expected a positive number \(s\), found 'long'"),
+    ('frame_warmup', {'tau': -1.0}, 'tau: expected a positive number'),
+    ('frame_step', {'t0': float('nan')}, 't0: expected a number'),
+    ('frame_step', {'t0': True}, 't0: expected a number'),
+    ('ball_slip', {'ball': [1]}, 'ball: expected a number or a word'),
 ])
 def test_a_value_that_can_never_be(name, fixed, words):
     """Is refused by the model itself."""

@@ -73,8 +73,8 @@ def test_names_without_a_rotation_are_those_of_a_vertical_axis():
 
 
 @pytest.mark.parametrize(('axis', 'words'), [
-    ((0, 0, 0), r'wanted 3 numbers that are not all 0, got \[0.0, 0.0, 0.0\]'), ((0, float('nan'), 1), 'nan'),
-    ((1, 0), r'got \[1.0, 0.0\]'), ((float('inf'), 0, 0), 'inf')])
+    ((0, 0, 0), r'expected 3 numbers that are not all 0, found \[0.0, 0.0, 0.0\]'), ((0, float('nan'), 1), 'nan'),
+    ((1, 0), r'found \[1.0, 0.0\]'), ((float('inf'), 0, 0), 'inf')])
 def test_what_is_no_direction_is_refused(axis, words):
     """A zero vector, NaN, infinity, two numbers."""
     with pytest.raises(InvalidData, match=words):
@@ -85,7 +85,7 @@ def test_a_rotation_of_axis_and_x():
     """x has to be perpendicular; small errors of rounding are taken out."""
     assert axes.rotation_of([0, 0, 2], [0, 1, 1e-5])[:, 0] == pytest.approx([0, 1, 0])
     assert np.array_equal(axes.rotation_of([1, 0, 0]), axes.axis_rotation([1, 0, 0]))
-    with pytest.raises(InvalidData, match='wanted x perpendicular to the axis, got 45.00 deg between them'):
+    with pytest.raises(InvalidData, match='expected x perpendicular to the axis, found 45.00 deg between them'):
         axes.rotation_of([0, 0, 1], [0, 1, 1])
 
 
@@ -93,7 +93,7 @@ def test_a_run_with_what_is_no_rotation_is_refused():
     """Neither a mirror nor a skew matrix."""
     run = synthetic_run(4)[0]
     for wrong in (np.diag([1.0, 1.0, -1.0]), np.eye(3) + 0.1, np.full((3, 3), np.nan), np.eye(2)):
-        with pytest.raises(InvalidData, match='run: rotation: wanted a rotation matrix of the table frame'):
+        with pytest.raises(InvalidData, match='run: rotation: expected a rotation matrix of the table frame'):
             run.replace(rotation=wrong)
 
 

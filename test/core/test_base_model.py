@@ -238,5 +238,5 @@ def test_too_little_data_names_what_is_lost(drop, words):
 def test_closed_form_refuses_gaps():
     """The closed form needs every reading."""
     run, *_ = synthetic_run(6)
-    with pytest.raises(NotDeterminable, match='36 ball centres; got 35. Use the least-squares fit'):
+    with pytest.raises(NotDeterminable, match='36 ball centres; found 35. Use the least-squares fit'):
         closed_form(run.take(np.arange(35)))

@@ -114,8 +114,9 @@ def test_angles_that_determine_no_harmonics_are_refused(before):
     few = ErrorMotions(before.angle[:4], before.values[:4], before.u[:4])
     gap = ErrorMotions(before.angle[:9], before.values[:9], before.u[:9])
     unknown = replace(before, values=np.where(before.values == before.values[3], np.nan, before.values))
-    for motions, words in ((few, 'wanted error motions at 5 equally spaced angles or more, got 4 with gaps up to 270'),
-                           (gap, 'got 9 with gaps up to 120 deg'), (unknown, 'wanted finite error motions')):
+    for motions, words in ((few, 'expected error motions at 5 equally spaced angles or more, found 4 with gaps up to '
+                                 '270'),
+                           (gap, 'found 9 with gaps up to 120 deg'), (unknown, 'expected finite error motions')):
         with pytest.raises(InvalidData, match=words):
             Correction(motions, motions)
 
@@ -226,5 +227,5 @@ def test_other_angles_are_refused(before):
     """Two runs that do not share their angles cannot be compared."""
     correction = Correction(before, before)
     turned = replace(before, angle=before.angle + 0.1)
-    with pytest.raises(InvalidData, match='verify: wanted two runs at the same angles of the table, got 12 angles'):
+    with pytest.raises(InvalidData, match='verify: expected two runs at the same angles of the table, found 12 angles'):
         check_correction(before, turned, correction)

@@ -26,15 +26,15 @@ def test_arithmetic(text, value):
 
 
 @pytest.mark.parametrize('text, words', [
-    ('__import__("os").system("ls")', 'wanted arithmetic on|wanted functions of one'),
-    ('t.__class__', "got 't.__class__'"), ('t[0]', r"got 't\[0\]'"), ('lambda: 1', "got 'lambda: 1'"),
-    ('[1 for x in t]', 'for x in t'), ('open(t)', "among sin, .*, got 'open'"),
-    ('time', "names among t, T, .*, got 'time'"), ('t**t', 'a number up to 12 as exponent'),
+    ('__import__("os").system("ls")', 'expected arithmetic on|wanted functions of one'),
+    ('t.__class__', "found 't.__class__'"), ('t[0]', r"found 't\[0\]'"), ('lambda: 1', "found 'lambda: 1'"),
+    ('[1 for x in t]', 'for x in t'), ('open(t)', "among sin, .*, found 'open'"),
+    ('time', "names among t, T, .*, found 'time'"), ('t**t', 'a number up to 12 as exponent'),
     ('t**999999', 'a number up to 12 as exponent'), ('sin(t, t)', 'functions of one argument'),
-    ('"a"*9', "got .*'a'"), ('True + t', "got 'True'"), ('1e300 + t', 'numbers up to 1e12'),
-    ('t +', 'cannot be read'), ('', 'wanted a text'), ('t ' * 200, 'at most 300 characters'),
-    ('-' * 50 + 't', 'at most 30 nested levels'), ('t if t else t', "got 't if t else t'"),
-    ('t; t', 'cannot be read'), ('t := 3', 'cannot be read'), ('not t', "got 'not t'")])
+    ('"a"*9', "found .*'a'"), ('True + t', "found 'True'"), ('1e300 + t', 'numbers up to 1e12'),
+    ('t +', 'cannot be read'), ('', 'expected a text'), ('t ' * 200, 'at most 300 characters'),
+    ('-' * 50 + 't', 'at most 30 nested levels'), ('t if t else t', "found 't if t else t'"),
+    ('t; t', 'cannot be read'), ('t := 3', 'cannot be read'), ('not t', "found 'not t'")])
 def test_what_is_refused(text, words):
     """Anything but arithmetic on a reading's quantities is refused with words."""
     with pytest.raises(InvalidModel, match=words):
@@ -68,12 +68,12 @@ def test_custom_term_finds_its_amplitude():
 
 
 @pytest.mark.parametrize('mapping, words', [
-    ({'own': 'a', 'direction': 'up', 'expression': 't'}, "direction: wanted one of x, .*got 'up'"),
-    ({'own': 'a', 'direction': 'z'}, 'wanted the key expression; it is missing'),
-    ({'own': 'a b', 'direction': 'z', 'expression': 't'}, 'wanted a name of letters'),
-    ({'own': 'a', 'direction': 'z', 'expression': 't', 'per': 'day'}, "per: wanted one of all"),
-    ({'own': 'a', 'direction': 'z', 'expression': 't', 'colour': 1}, "got 'colour'"),
-    ({'own': 'a', 'direction': 'z', 'expression': 'os'}, "custom term a: expression: wanted names"),
+    ({'own': 'a', 'direction': 'up', 'expression': 't'}, "direction: expected one of x, .*got 'up'"),
+    ({'own': 'a', 'direction': 'z'}, 'expected the key expression; it is missing'),
+    ({'own': 'a b', 'direction': 'z', 'expression': 't'}, 'expected a name of letters'),
+    ({'own': 'a', 'direction': 'z', 'expression': 't', 'per': 'day'}, "per: expected one of all"),
+    ({'own': 'a', 'direction': 'z', 'expression': 't', 'colour': 1}, "found 'colour'"),
+    ({'own': 'a', 'direction': 'z', 'expression': 'os'}, "custom term a: expression: expected names"),
 ])
 def test_bad_terms(mapping, words):
     """A term that makes no sense is refused with what was wanted."""

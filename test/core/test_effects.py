@@ -262,7 +262,7 @@ def test_an_unknown_name_is_refused_with_the_nearest():
     """A misspelt effect, and a misspelt setting."""
     with pytest.raises(InvalidModel, match="Unknown effect 'frame_drit'. Did you mean frame_drift"):
         effect('frame_drit')
-    with pytest.raises(InvalidModel, match="wanted settings among axes, tau, got 'tua'"):
+    with pytest.raises(InvalidModel, match="expected settings among axes, tau, found 'tua'"):
         Model().with_effect('frame_warmup', {'tua': 3.0})
 
 
@@ -293,7 +293,7 @@ def test_whole_numbers_may_be_written_with_a_point():
 
 def test_what_a_scale_cannot_be(value):
     """A time constant is a positive number that a float can hold."""
-    with pytest.raises(InvalidModel, match=r'effect frame_warmup: tau: wanted a positive number \(s\), got'):
+    with pytest.raises(InvalidModel, match=r'effect frame_warmup: tau: expected a positive number \(s\), found'):
         Model().with_effect('frame_warmup', {'tau': value})
 
 

@@ -79,8 +79,8 @@ def test_x_axis_goes_through_ball_one():
 
 
 @pytest.mark.parametrize('points, words', [
-    (np.zeros((2, 3)), 'wanted at least 3 points'),
-    (np.arange(9.0).reshape(3, 3), 'got points on a line'),
+    (np.zeros((2, 3)), 'expected at least 3 points'),
+    (np.arange(9.0).reshape(3, 3), 'found points on a line'),
 ])
 def test_points_that_span_no_circle(points, words):
     """An axis needs points that span a circle."""
@@ -92,7 +92,7 @@ def test_wrong_balls_are_noticed():
     """A plane of balls that stands on edge is a mix-up of targets."""
     phi = 2 * np.pi * np.arange(6) / 6
     circle = rotate_z(phi, np.array([0.1825, 0.0, 0.0]))
-    with pytest.raises(NotDeterminable, match='got 90.0 deg between its normal and the axis'):
+    with pytest.raises(NotDeterminable, match='found 90.0 deg between its normal and the axis'):
         table_frame(circle, circle[:, [0, 2, 1]])
 
 

@@ -221,10 +221,12 @@ def test_too_few_readings_are_refused():
 def test_contradictions_are_refused_in_one_line():
     """Plates of different sizes declared one; a run that is given twice; a table without common positions."""
     (_, first), (_, other) = measured(n=6), measured()
-    with pytest.raises(InvalidData, match=r'diagonal0 and diagonal0: plate: wanted one plate, as declared, got 6 and 8 '
+    with pytest.raises(InvalidData, match=r'diagonal0 and diagonal0: plate: expected one plate, as declared, found 6 '
+                                          r'and 8 '
                        'balls; declare the plates separate'):
         evaluate_jointly([first, other], {'plate': ('1', '1')})
-    with pytest.raises(InvalidData, match='wanted different runs, got the same ball centres in both; leave one out'):
+    with pytest.raises(InvalidData, match='expected different runs, found the same ball centres in both; leave one '
+                                          'out'):
         evaluate_jointly([first, first])
     (_, five) = measured(n=5)
     with pytest.raises(NotDeterminable, match='1 table angles, 0 balls, 1 CMM positions in common, which does not join '
@@ -256,10 +258,11 @@ def test_a_run_and_its_continuation_are_refused():
         'table_position', 'ball', 'centre', 'angle_deviation', 'approach')})
     table = replace(whole, source='table', frame=None, centre=whole.centre + 1e-16)
     for runs in ([begun, whole], [whole, begun], [begun, table]):
-        with pytest.raises(InvalidData, match='begun: wanted another run than .*, got 40 of its 40 ball centres there, '
+        with pytest.raises(InvalidData, match='begun: expected another run than .*, found 40 of its 40 ball centres '
+                                              'there, '
                            'too, as where a run was resumed; leave it out'):
             evaluate_jointly(runs)
-    with pytest.raises(InvalidData, match='got the same ball centres in both; leave one out'):
+    with pytest.raises(InvalidData, match='found the same ball centres in both; leave one out'):
         evaluate_jointly([whole, table])
 
 

@@ -230,7 +230,7 @@ def difference(names, angle, size):
     return row
 
 
-@pytest.mark.parametrize(('name', 'wanted'), [('both senses', 0.41), ('there and back', 0.58)])
+@pytest.mark.parametrize(('name', 'expected'), [('both senses', 0.41), ('there and back', 0.58)])
 def test_reversal_has_the_uncertainty_of_the_readings_behind_it(name, wanted):
     """With its mean, as everything else is the same in both senses: 0.41 and 0.58 sigma."""
     runs, sharing = TWICE[name], Sharing.of(2, by_sense=True)
@@ -242,7 +242,7 @@ def test_reversal_has_the_uncertainty_of_the_readings_behind_it(name, wanted):
     assert np.linalg.norm(back - forwards, axis=1) == pytest.approx(each, rel=1e-6)
 
 
-@pytest.mark.parametrize(('balls', 'wanted'), [(MOVED, 0.31), (SIX, 0.44)])
+@pytest.mark.parametrize(('balls', 'expected'), [(MOVED, 0.31), (SIX, 0.44)])
 def test_irregular_plates_know_each_position_of_a_fine_table(balls, wanted):
     """u(ctx) of 36 positions: 0.31 sigma with 12 balls, 0.44 with 6."""
     runs = [run_of(FINE, balls)]
@@ -312,11 +312,11 @@ def test_runs_that_nothing_joins_are_refused(other, common):
 def test_what_cannot_be_meant_is_refused():
     """A regular plate turned by half a pitch; names for another number of runs; a frame that is not known."""
     run = Readings.of(synthetic_run(6)[0])
-    with pytest.raises(InvalidData, match=r'turned by 30 deg: wanted whole pitches of 60 deg'):
+    with pytest.raises(InvalidData, match=r'turned by 30 deg: expected whole pitches of 60 deg'):
         JointModel([run, run], Sharing.of(2, turn=(0.0, np.pi / 6)))
-    with pytest.raises(InvalidData, match='wanted names for 1 runs, got 2'):
+    with pytest.raises(InvalidData, match='expected names for 1 runs, found 2'):
         JointModel([run], Sharing.of(2))
-    with pytest.raises(InvalidData, match='wanted its table frame, got none'):
+    with pytest.raises(InvalidData, match='expected its table frame, found none'):
         run.seen_from(Frame.identity())
 
 

@@ -175,7 +175,8 @@ def test_a_plate_has_a_largest_size():
     """It took 105 s and 7 GB for 120 balls."""
     for ask in (lambda: next_readings(synthetic_run(73, 'row', 1, noise=SIGMA, repeatability=SIGMA)[0]),
                 lambda: advise(73)):
-        with pytest.raises(InvalidPlan, match=r'^(next readings|advise): wanted at most 72 balls, got 73: for more it '
+        with pytest.raises(InvalidPlan, match=r'^(next readings|advise): expected at most 72 balls, found 73: for '
+                                              r'more it '
                            r'takes minutes and memory \(72 balls: 2 GB, 120 balls: 7 GB\); measure a whole plan, and '
                            'diagnose it$'):
             ask()

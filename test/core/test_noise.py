@@ -197,7 +197,7 @@ def test_what_the_noise_may_be_is_part_of_the_model():
     found = found_of('axes')
     assert found.fit.noise.kinds == ('axes',)
     assert analyse(found.fit.run, Model(noise=())).noise.is_white
-    with pytest.raises(InvalidModel, match=r"noise: wanted some of noise.axes, .*, got 'noise.magic'"):
+    with pytest.raises(InvalidModel, match=r"noise: expected some of noise.axes, .*, found 'noise.magic'"):
         Model(noise=('noise.magic',))
     with pytest.raises(InvalidModel, match='noise.axes is in the model already'):
         whole.with_effect('noise.axes')

@@ -18,13 +18,13 @@ def test_arrays_are_frozen():
 
 
 @pytest.mark.parametrize('changes, words', [
-    ({'n': 2}, 'wanted at least 3 balls, got n = 2'),
-    ({'radius': 0.0}, 'wanted a positive radius in metres, got 0.0'),
-    ({'time': np.zeros(5)}, r'time: wanted shape \(36,\), got \(5,\)'),
-    ({'ball': np.full(36, 7)}, r'reading 1: ball: wanted 1..6, got 7'),
-    ({'ball': np.zeros(36)}, r'reading 1: ball: wanted 1..6, got 0'),
-    ({'repeatability': -1.0}, 'repeatability: wanted a positive number of metres, got -1.0'),
-    ({'ball': np.ones(36)}, 'readings 1 and 12 are both table position 1, ball 1; wanted each'),
+    ({'n': 2}, 'expected at least 3 balls, found n = 2'),
+    ({'radius': 0.0}, 'expected a positive radius in metres, found 0.0'),
+    ({'time': np.zeros(5)}, r'time: expected shape \(36,\), found \(5,\)'),
+    ({'ball': np.full(36, 7)}, r'reading 1: ball: expected 1..6, found 7'),
+    ({'ball': np.zeros(36)}, r'reading 1: ball: expected 1..6, found 0'),
+    ({'repeatability': -1.0}, 'repeatability: expected a positive number of metres, found -1.0'),
+    ({'ball': np.ones(36)}, 'readings 1 and 12 are both table position 1, ball 1; expected each'),
 ])
 def test_nonsense_is_refused(changes, words):
     """What cannot be a run is refused with what was wanted and what came."""
@@ -38,7 +38,7 @@ def test_nan_is_refused():
     run, *_ = synthetic_run(6)
     centre = run.centre.copy()
     centre[4, 1] = np.nan
-    with pytest.raises(InvalidData, match='reading 5: centre: wanted finite numbers'):
+    with pytest.raises(InvalidData, match='reading 5: centre: expected finite numbers'):
         run.replace(centre=centre)
 
 
@@ -51,7 +51,7 @@ def test_radians_for_degrees_are_noticed():
 
 def test_empty_run():
     """No readings are no run."""
-    with pytest.raises(InvalidData, match='wanted ball centres, got none'):
+    with pytest.raises(InvalidData, match='expected ball centres, found none'):
         Run(6, 0.1825, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
 
 

@@ -63,7 +63,7 @@ def test_the_penalty_is_that_of_a_run(n, data):
     assert relative_uncertainty(variance, RADIUS) == pytest.approx(wanted, rel=1e-6)
 
 
-@pytest.mark.parametrize('n, size, wanted', PENALTIES)
+@pytest.mark.parametrize('n, size, expected', PENALTIES)
 def test_uncertainty_of_good_sets(n, size, wanted):
     """The uncertainty of the curves relative to a complete run, within one per cent."""
     assert penalty(n, best_members(n, size)) == pytest.approx(wanted, rel=0.01)
@@ -79,7 +79,7 @@ def test_arcs_are_bad_and_equal_steps_are_not_determined():
 def test_searched_sets_determine_the_curves(n):
     """The fewest members that can determine the curves do, and one less is refused."""
     assert penalty(n, best_members(n, fewest_members(n))) < 3
-    with pytest.raises(InvalidPlan, match='do not determine the curves; wanted at least'):
+    with pytest.raises(InvalidPlan, match='do not determine the curves; expected at least'):
         best_members(n, fewest_members(n) - 1)
 
 

@@ -83,8 +83,8 @@ def test_clockwise_is_the_mirror_image(order):
 
 
 @pytest.mark.parametrize('arguments, words', [
-    ((2, 'row'), 'number of balls: wanted a whole number of at least 3, got 2'),
-    ((4.5, 'row'), 'number of balls: wanted a whole number of at least 3, got 4.5'),
+    ((2, 'row'), 'number of balls: expected a whole number of at least 3, found 2'),
+    ((4.5, 'row'), 'number of balls: expected a whole number of at least 3, found 4.5'),
     ((6, 'spiral'), "Unknown order 'spiral'. Known: row, diagonal, column, random, interleaved, there_and_back, "
                      'row_there_and_back.'),
     ((6, 'row', 0, 'both'), "Unknown turning 'both'. Known: forward, alternate, clockwise, counterclockwise."),
@@ -117,13 +117,13 @@ def test_places_that_are_left_out_are_not_measured(order):
 
 
 @pytest.mark.parametrize('arguments, words', [
-    ({'cmm_positions': (1, 13)}, r'CMM positions in use: wanted different ones of 1..12, got 1, 13'),
-    ({'balls': (2, 2, 5)}, r'balls in use: wanted different ones of 1..12, got 2, 2, 5'),
-    ({'cmm_positions': (1, 4, 7, 10)}, 'CMM positions in use: 1, 4, 7, 10 of 12 do not determine the curves; wanted '
+    ({'cmm_positions': (1, 13)}, r'CMM positions in use: expected different ones of 1..12, found 1, 13'),
+    ({'balls': (2, 2, 5)}, r'balls in use: expected different ones of 1..12, found 2, 2, 5'),
+    ({'cmm_positions': (1, 4, 7, 10)}, 'CMM positions in use: 1, 4, 7, 10 of 12 do not determine the curves; expected '
                                        'others, such as 1, 5, 7, 10'),
-    ({'balls': (1, 4, 6, 9)}, '1, 4, 6, 9 of 12 do not determine the curves; wanted others, such as 1, 5, 7, 10'),
-    ({'balls': (2, 3)}, '2, 3 of 12 do not determine the curves; wanted others, such as 1, 5, 7, 10'),
-    ({'balls': (1, 5, 7, 10), 'cmm_positions': (1, 5, 7, 10)}, 'wanted CMM positions or balls in use, got both')])
+    ({'balls': (1, 4, 6, 9)}, '1, 4, 6, 9 of 12 do not determine the curves; expected others, such as 1, 5, 7, 10'),
+    ({'balls': (2, 3)}, '2, 3 of 12 do not determine the curves; expected others, such as 1, 5, 7, 10'),
+    ({'balls': (1, 5, 7, 10), 'cmm_positions': (1, 5, 7, 10)}, 'expected CMM positions or balls in use, found both')])
 def test_places_that_do_not_exist_are_refused(arguments, words):
     """Places in use are different ones that exist, and of one kind."""
     with pytest.raises(InvalidPlan, match=words):

@@ -138,7 +138,7 @@ def test_what_does_not_converge_is_refused():
     rng = np.random.default_rng(0)
     wild = run.replace(centre=run.centre + 0.25 * rng.standard_normal(run.centre.shape))
     with pytest.raises(NotDeterminable, match=r'do not converge for table_motions.*after 40 steps they still change by '
-                                              r'[\d.e+-]+ µm \(wanted at most 1e-06\); check plate, table frame'):
+                                              r'[\d.e+-]+ µm \(expected at most 1e-06\); check plate, table frame'):
         fit(wild)
 
 

@@ -123,7 +123,7 @@ def test_effects_have_equal_parts_of_a_number(make_run):
 def test_every_effect_belongs_to_a_number():
     """None is forgotten: a motion that names no number is refused where it is written."""
     assert {kind_of(one) for one in EFFECTS.values()} == {*KINDS}
-    with pytest.raises(TypeError, match='motion Lost: wanted stated, the number of an environment by which it moves'):
+    with pytest.raises(TypeError, match='motion Lost: expected stated, the number of an environment by which it moves'):
         type('Lost', (Motion,), {'body': 'plate'})
 
 

@@ -103,7 +103,7 @@ def test_few_or_unsorted_runs():
     """Nothing is said of fewer than LEAST_RUNS; the order of time is wanted."""
     days, series, temperature = history(3, runs=LEAST_RUNS - 1, changes=[(0, 4, 100.0)])
     assert find_events(days, series, temperature) == ()
-    with pytest.raises(InvalidData, match='wanted the runs in the order of time'):
+    with pytest.raises(InvalidData, match='expected the runs in the order of time'):
         find_events(days[::-1], series, temperature)
 
 
@@ -129,7 +129,7 @@ def test_a_tolerance_is_reached_when_the_line_says():
     assert (beyond.expected, beyond.soonest) == (0.0, 0.0)
     assert abs(beyond.level - 3e-6) < 1e-12
     assert forecast(days, values[::-1], np.full(11, 1e-11), 1e-6).expected == 0.0, 'it falls, and is above the limit'
-    with pytest.raises(InvalidData, match='wanted at least 3 runs at different times, got 2'):
+    with pytest.raises(InvalidData, match='expected at least 3 runs at different times, found 2'):
         forecast(days[:2], values[:2], np.ones(2), 1.0)
 
 

@@ -230,7 +230,7 @@ def test_hidden_effects_are_bounded_or_named(make_run):
     np.testing.assert_allclose(lines(made)['hidden: frame_drift'].mean, 3e-7 / np.sqrt(3) * bias)
     assert 'frame_drift' not in gap(made, BudgetGap.UNBOUNDED).numbers['effects']
     assert np.all(made.mean >= root_mean(made.combined()))
-    with pytest.raises(InvalidData, match="hidden_effects: wanted one of .*, got 'drift'"):
+    with pytest.raises(InvalidData, match="hidden_effects: expected one of .*, found 'drift'"):
         budget(fitted, BudgetInputs(bounds={'drift': 3e-7}), hidden=shown)
 
 
@@ -255,9 +255,9 @@ def test_what_is_missing_is_told_and_not_invented(make_run):
         assert f'({section})' in told
     assert told.startswith('What the model lacks: the model does not fit.')
     assert 'Harmonics of the errors above 3' in told
-    with pytest.raises(InvalidData, match='frame_expansion: wanted range_K, as no temperature is recorded'):
+    with pytest.raises(InvalidData, match='frame_expansion: expected range_K, as no temperature is recorded'):
         budget(fitted, BudgetInputs({'frame_expansion': {'u_um_per_K': 1e-6}}))
-    with pytest.raises(InvalidData, match='at most 72 balls, got 73'):
+    with pytest.raises(InvalidData, match='at most 72 balls, found 73'):
         budget(fit(make_run(73, noise=NOISE)[0]))
     assert fitted.run.radius == RADIUS
 

@@ -31,14 +31,14 @@ def test_clamped_arguments_are_told():
 
 @pytest.mark.parametrize(('changes', 'replies', 'said'), [
     ({}, {'IsHomed': lambda tag, asked: [Response(tag, ACK), encoded(f'{tag} # IsHomed(0)'), Response(tag, DONE)]},
-     'wanted a homed machine'),
+     'expected a homed machine'),
     ({}, {'SetCoordSystem': lambda tag, asked: error(tag, 2, 514, 'Use ClearAllErrors')}, 'error 0514 .*a person has'),
     ({}, {'GetMachineClass': lambda tag, asked: [
         Response(tag, ACK), encoded(f'{tag} # GetMachineClass(SimulatedCMM)'), Response(tag, DONE)]},
-     'wanted "simulated: true" in the settings, since the server says that its machine is simulated'),
+     'expected "simulated: true" in the settings, since the server says that its machine is simulated'),
     ({'tool': {'name': 'P2'}}, {'SetTool': lambda tag, asked: error(tag, 3, 1502, 'Tool not found')},
      r'SetTool\("P2"\): the server answered error 1502'),
-    ({'tool': {'tip_radius_mm': 1.5}}, {}, r'wanted a tip radius of 1.5 mm \(tool.tip_radius_mm\), got 2.5'),
+    ({'tool': {'tip_radius_mm': 1.5}}, {}, r'expected a tip radius of 1.5 mm \(tool.tip_radius_mm\), found 2.5'),
     ({}, {'StartSession': lambda tag, asked: error(tag, 3, 508, 'Bad context')}, 'error 0508'),
 ])
 def test_a_machine_that_is_not_ready(changes, replies, said):
@@ -64,7 +64,7 @@ def test_tables_that_turn_the_other_way():
     """R that moves against its command is refused at once."""
     async def scene(server, cmm):
         server.turns = -1
-        with pytest.raises(CellError, match='wanted the table at 60.0000 deg, got -60.0000 from R; see table.sign'):
+        with pytest.raises(CellError, match='expected the table at 60.0000 deg, found -60.0000 from R; see table.sign'):
             await measured(cmm, position=2)
         assert 'PtMeas' not in [one.name for one in server.commands]
     run(scene)
@@ -108,11 +108,12 @@ def test_targets_elsewhere():
     """Another plate or table than the settings have: refused before anything moves."""
     async def scene(server, cmm):
         before = len(server.commands)
-        for arguments, said in [((7, [0.5325, 0.26, -0.3], 0.0, 1), 'wanted one of the 6 balls'),
-                                ((1, [0.6, 0.26, -0.3], 0.0, 1), r'wanted the ball within 20 mm of \(532, 260, -300\)'),
-                                ((1, [np.nan, 0.26, -0.3], 0.0, 1), 'wanted the ball within'),
-                                ((1, [0.5325, 0.26, -0.3], 0.0, 1, [1, 0, 0]), r'wanted the pole along \(0, 0, 1\)'),
-                                ((1, [0.5325, 0.26, -0.3], 0.0, 1, [0, 0, 1], 7), 'touches: wanted one of')]:
+        for arguments, said in [((7, [0.5325, 0.26, -0.3], 0.0, 1), 'expected one of the 6 balls'),
+                                ((1, [0.6, 0.26, -0.3], 0.0, 1), r'expected the ball within 20 mm of \(532, 260, '
+                                                                 r'-300\)'),
+                                ((1, [np.nan, 0.26, -0.3], 0.0, 1), 'expected the ball within'),
+                                ((1, [0.5325, 0.26, -0.3], 0.0, 1, [1, 0, 0]), r'expected the pole along \(0, 0, 1\)'),
+                                ((1, [0.5325, 0.26, -0.3], 0.0, 1, [0, 0, 1], 7), 'touches: expected one of')]:
             with pytest.raises(InvalidPlan, match=said):
                 await cmm.measure(*arguments)
         assert len(server.commands) == before
@@ -123,7 +124,7 @@ def test_wrong_ball():
     """The fitted radius tells."""
     async def scene(server, cmm):
         server.settings = settings_of(ball={'radius_mm': 16.0})
-        with pytest.raises(CellError, match=r'wanted a sphere of radius 15 mm, or 17.5 with the tip, got 18.5'):
+        with pytest.raises(CellError, match=r'expected a sphere of radius 15 mm, or 17.5 with the tip, found 18.5'):
             await measured(cmm)
     run(scene)
 
@@ -166,7 +167,7 @@ def test_changing_the_tool_moves_the_machine():
         names = [one.name for one in server.commands]
         assert 'ChangeTool' in names
         cmm.settings = settings_of(tool={'name': 'P3', 'change': True})
-        with pytest.raises(CellError, match="wanted the tool 'P3' in use, got \"P1\"; it .* before the first ball"):
+        with pytest.raises(CellError, match="expected the tool 'P3' in use, found \"P1\"; it .* before the first ball"):
             await cmm.prepare(may_move=False)
         assert names.count('ChangeTool') == 1
     replies = {'GetProp': lambda tag, asked: [Response(tag, ACK), encoded(f'{tag} # Tool.Name("P1")'),

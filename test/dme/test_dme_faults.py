@@ -147,9 +147,9 @@ def test_reordered_quoted_split_and_joined():
 
 
 @pytest.mark.parametrize(('words', 'said'), [
-    ('X(nan), Y(1), Z(2)', 'X: wanted a finite number, got nan'),
-    ('X(1), Z(2)', r'wanted Y\(...\) with 1 numbers'),
-    ('X(1), Y(1), Z(2), X(3)', r'wanted one X\(...\), got X\(1\), X\(3\)'),
+    ('X(nan), Y(1), Z(2)', 'X: expected a finite number, found nan'),
+    ('X(1), Z(2)', r'expected Y\(...\) with 1 numbers'),
+    ('X(1), Y(1), Z(2), X(3)', r'expected one X\(...\), found X\(1\), X\(3\)'),
     ('X(21.4), Y(10.2), Z(-11.8)', 'within 11 mm of .*does the server count in mm'),  # inches
     ('X(0.5379), Y(0.26), Z(-0.286)', 'does the server count in mm'),  # metres
 ])
@@ -159,9 +159,9 @@ def test_answers_that_make_no_sense(words, said):
 
 
 @pytest.mark.parametrize(('packet', 'said'), [
-    (b'HTTP/1.1 400 Bad Request\r\n', 'no I\\+\\+ DME: wanted a tag and one of'),
-    (b'\xff\xfe\x00\r\n', 'printable ASCII'), (encoded('00777 %'), 'got one with the tag 00777'),
-    (encoded('E0000 ! Error(7)'), 'wanted Error'),
+    (b'HTTP/1.1 400 Bad Request\r\n', 'no I\\+\\+ DME: expected a tag and one of'),
+    (b'\xff\xfe\x00\r\n', 'printable ASCII'), (encoded('00777 %'), 'found one with the tag 00777'),
+    (encoded('E0000 ! Error(7)'), 'expected Error'),
 ])
 def test_garbage_and_wrong_tags(packet, said):
     """What comes through such a connection cannot be trusted: it is closed."""
@@ -194,7 +194,7 @@ def test_slow_server_and_half_open_connection(reply, said):
 
 def test_no_ack():
     """Likewise."""
-    stopped_by('wanted its Ack within 1 s', settings_of(timeouts=IMPATIENT), GoTo=at(3, lambda tag, asked: []))
+    stopped_by('expected its Ack within 1 s', settings_of(timeouts=IMPATIENT), GoTo=at(3, lambda tag, asked: []))
 
 
 def test_the_next_command_waits_for_the_ack():
@@ -272,14 +272,14 @@ def test_a_new_run_waits_for_the_end_of_abortion():
 def test_nobody_there():
     """Said in words, with what to look at."""
     async def scene():
-        with pytest.raises(DmeLost, match=r'127.0.0.1:1: wanted a connection, got .*; is the I\+\+ server started'):
+        with pytest.raises(DmeLost, match=r'127.0.0.1:1: expected a connection, found .*; is the I\+\+ server started'):
             await DmeSession.connect('127.0.0.1', 1, TimeoutSettings(connect_s=1.0))
     asyncio.run(scene())
 
 
 @pytest.mark.parametrize(('reply', 'said'), [
     (lambda server: server.writers[-1].close(), 'the server closed the connection: it was ended or restarted'),
-    (lambda server: None, r'StartSession\(\): wanted its Ack within 1 s, got none')])
+    (lambda server: None, r'StartSession\(\): expected its Ack within 1 s, found none')])
 def test_a_server_that_another_client_uses(reply, said):
     """It closes the connection or is silent: nothing of this client moves, so there is nothing to abort."""
     async def scene(server, cmm):
@@ -303,7 +303,8 @@ def test_an_error_before_the_ball_is_reached():
 @pytest.mark.parametrize('name', ['GoTo', 'PtMeas'])
 def test_a_clamped_move_is_an_error_of_it(name):
     """In words; the tip goes up, the next ball is measured."""
-    stopped_by(f'touch [0-9]+: {name}.*: error 0504 .*: clamped; wanted a place that the machine reaches', person=False,
+    stopped_by(f'touch [0-9]+: {name}.*: error 0504 .*: clamped; expected a place that the machine '
+               f'reaches', person=False,
                **{name: at(4, lambda tag, asked: error(tag, 1, 504, 'clamped'))})
 
 

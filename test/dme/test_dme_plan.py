@@ -14,11 +14,11 @@ from rosette_ros.dme.rotary_table import TableState
 
 @pytest.mark.parametrize(('changes', 'said'), [
     ({'path': {'stand_off_mm': 40.0, 'clearance_mm': 80.0}, 'table': {'balls': 12}},
-     'touch .*: wanted at least 20 mm between tip and '),
-    ({'table': {'balls': 36}}, 'wanted at least 5 mm between tip and ball 2, got 4.8; see path.stand_off_mm'),
+     'touch .*: expected at least 20 mm between tip and '),
+    ({'table': {'balls': 36}}, 'expected at least 5 mm between tip and ball 2, found 4.8; see path.stand_off_mm'),
     ({'table': {'radius_mm': 350.0}}, r'table position 1, ball 1: .*wanted a tip within the box \(0, 0, -400\) to'),
-    ({'ball': {'shaft_length_mm': 5.0}}, 'between tip and plate, got .*; see ball.shaft_length_mm'),
-    ({'ball': {'shaft_radius_mm': 16.0}}, 'wanted at least 5 mm between tip and the shaft of the ball, got'),
+    ({'ball': {'shaft_length_mm': 5.0}}, 'between tip and plate, found .*; see ball.shaft_length_mm'),
+    ({'ball': {'shaft_radius_mm': 16.0}}, 'expected at least 5 mm between tip and the shaft of the ball, found'),
 ])
 def test_plans_that_are_refused(changes, said):
     """With table position, ball, step and setting."""
@@ -62,23 +62,24 @@ def test_a_plan_that_fits():
 
 
 @pytest.mark.parametrize(('changes', 'plan', 'said'), [
-    ({}, planned(12), 'table position 1, ball 1: wanted a plan of 6 balls, as the settings have (table.balls), got one '
+    ({}, planned(12), 'table position 1, ball 1: expected a plan of 6 balls, as the settings have (table.balls), '
+                      'found one '
                       'of 12'),
-    ({}, planned(radius=0.21), 'table position 1, ball 1: wanted the ball within 20 mm of (532, 260, -300) mm, where '
-                               'the settings have it (table), got (560, 260, -300): 27.5 mm off, turned by +0.0 deg '
+    ({}, planned(radius=0.21), 'table position 1, ball 1: expected the ball within 20 mm of (532, 260, -300) mm, where '
+                               'the settings have it (table), found (560, 260, -300): 27.5 mm off, turned by +0.0 deg '
                                'about the table axis, +27.5 mm in radius, +0.0 mm along the axis'),
     ({}, planned(turned=-30.0), 'turned by -30.0 deg about the table axis, +0.0 mm in radius'),
     ({}, planned(shift=(0, 0, 0.05)), '50.0 mm off, turned by +0.0 deg about the table axis, +0.0 mm in radius, '
                                       '+50.0 mm along the axis'),
-    ({}, planned(pole=np.array([1.0, 0.0, 0.0])), 'wanted the pole along (0, 0, 1), table.axis of the settings'),
-    ({}, planned(touches=7), 'table position 1, ball 1: touches: wanted one of'),
-    ({}, planned(ball=7), 'wanted one of the 6 balls of the settings (table.balls), got ball 7'),
-    ({}, planned(centre=np.full(3, np.nan)), 'wanted the ball within 20 mm of'),
+    ({}, planned(pole=np.array([1.0, 0.0, 0.0])), 'expected the pole along (0, 0, 1), table.axis of the settings'),
+    ({}, planned(touches=7), 'table position 1, ball 1: touches: expected one of'),
+    ({}, planned(ball=7), 'expected one of the 6 balls of the settings (table.balls), found ball 7'),
+    ({}, planned(centre=np.full(3, np.nan)), 'expected the ball within 20 mm of'),
     ({'path': {'box_low_mm': [0, 0, -285]}}, planned(), 'table position 1, ball 1: touch '),
-    ({'path': {'box_low_mm': [175, 0, -400]}}, planned(), 'table position 1, ball 4: above the ball: wanted a tip '
+    ({'path': {'box_low_mm': [175, 0, -400]}}, planned(), 'table position 1, ball 4: above the ball: expected a tip '
                                                           'within the box'),
-    ({'table': {'turn': 'none'}}, planned(), 'table position 2, ball 1: table angle 60 deg: wanted a table that can '
-                                             'be turned, got table.turn: none'),
+    ({'table': {'turn': 'none'}}, planned(), 'table position 2, ball 1: table angle 60 deg: expected a table that can '
+                                             'be turned, found table.turn: none'),
 ])
 def test_plans_of_others_that_are_refused(changes, plan, said):
     """In words that say how far plan and settings differ, with table position and ball."""
@@ -92,5 +93,5 @@ def test_balls_of_unequal_pitch_are_known_by_their_places():
     settings = settings_of(table={'balls': 12, 'azimuths_deg': [0, 90, 210]})
     whole = planned(12)
     assert refuse_plan(settings, [one for one in whole if one.ball in (1, 4, 8)], TableState(0.0))
-    with pytest.raises(InvalidPlan, match='table position 1, ball 2: wanted the ball within 20 mm of'):
+    with pytest.raises(InvalidPlan, match='table position 1, ball 2: expected the ball within 20 mm of'):
         refuse_plan(settings, [one for one in whole if one.ball in (1, 2)], TableState(0.0))

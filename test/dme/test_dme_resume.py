@@ -117,8 +117,8 @@ def centres_of_an_undisturbed_run():
     ('collision:at=300', 'error 2504 .*a person has to look', {}),
     ('emergency_stop:at=300', 'error 0500 .*a person has to look', {}),
     ('unsolicited:at=50', 'error 1009 .*a person has to look', {}),
-    ('garbage:at=50', r'no I\+\+ DME: wanted printable ASCII', {}),
-    ('wrong_tag:at=50', 'got one with the tag', {}),
+    ('garbage:at=50', r'no I\+\+ DME: expected printable ASCII', {}),
+    ('wrong_tag:at=50', 'found one with the tag', {}),
     ('restart:at=50', 'the connection|the server closed the connection', {}),
     ('half_open:at=50', 'AbortE was not answered within 0.5 s', {'command_s': 1.5, 'abort_s': 0.5}),
 ])

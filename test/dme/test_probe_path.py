@@ -77,9 +77,9 @@ def test_lifting(place, steps):
 
 
 @pytest.mark.parametrize(('place', 'said'), [
-    ((350, 260, -360), 'where the tip stands: wanted at least 5 mm between tip and plate'),
-    ((350, 260, 200), 'where the tip stands: wanted a tip within the box'),
-    ((532.5, 260, -330), 'wanted at least 5 mm between tip and the shaft'),
+    ((350, 260, -360), 'where the tip stands: expected at least 5 mm between tip and plate'),
+    ((350, 260, 200), 'where the tip stands: expected a tip within the box'),
+    ((532.5, 260, -330), 'expected at least 5 mm between tip and the shaft'),
 ])
 def test_places_from_which_nothing_is_lifted(place, said):
     """A person moves the tip away."""
@@ -93,7 +93,7 @@ def test_turning():
     settings = settings_of()
     for place in [(350, 260, -240), (532, 260, 0), (350, 480, -300)]:
         refuse_to_turn(settings, 1e-3 * np.array(place))
-    with pytest.raises(UnsafePath, match='not turn: wanted the tip 60 mm over the balls, or 210 mm from '):
+    with pytest.raises(UnsafePath, match='not turn: expected the tip 60 mm over the balls, or 210 mm from '):
         refuse_to_turn(settings, 1e-3 * np.array([532, 260, -250]))
 
 
@@ -125,10 +125,11 @@ def test_a_tip_that_is_not_lifted():
     async def scene(server, cmm):
         for clamped, said in [
                 (lambda tag: [*error(tag, 1, 504, 'Argument clamped')],
-                 r'GoTo\(X\(350\), Y\(260\), Z\(-240\)\): error 0504 \(severity 1\): Argument clamped; wanted a place '
+                 r'GoTo\(X\(350\), Y\(260\), Z\(-240\)\): error 0504 \(severity 1\): Argument clamped; expected a '
+                 r'place '
                  'that the machine reaches, it went elsewhere'),
                 (lambda tag: [Response(tag, ACK), Response(tag, DONE)],
-                 r'lift to the clearance plane: wanted the tip at \(350, 260, -240\) mm, got \(350, 260, -285\)')]:
+                 r'lift to the clearance plane: expected the tip at \(350, 260, -240\) mm, found \(350, 260, -285\)')]:
             server.place = np.array([350.0, 260.0, -285.0])
             server.replies['GoTo'] = lambda tag, asked, clamped=clamped: clamped(tag)
             with pytest.raises(CellError, match=said):

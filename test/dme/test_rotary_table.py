@@ -41,7 +41,7 @@ def test_laws_of_turning(now, place, sense, settings):
     try:
         steps = turning_steps(settings, TableState(now, sense), 5.0 * place, sense)
     except InvalidPlan as error:
-        assert place == 0 and settings.limits_deg and 'wanted a way there' in str(error)
+        assert place == 0 and settings.limits_deg and 'expected a way there' in str(error)
         return
     if steps:
         way = [now, *steps]
@@ -65,5 +65,5 @@ def test_commanded(settings, angle, value):
 def test_a_way_that_there_is_not():
     """In words."""
     settings = DmeTableSettings(limits_deg=(0.0, 359.9995), zero_deg=0.0003)
-    with pytest.raises(InvalidPlan, match='table angle 359.999 deg: wanted a way there clockwise within R 0 .. 360'):
+    with pytest.raises(InvalidPlan, match='table angle 359.999 deg: expected a way there clockwise within R 0 .. 360'):
         turning_steps(settings, TableState(300, -1), 359.9989, -1)

@@ -56,7 +56,7 @@ RESPONSES = [
 ]
 
 
-@pytest.mark.parametrize(('line', 'wanted'), COMMANDS)
+@pytest.mark.parametrize(('line', 'expected'), COMMANDS)
 def test_commands(line, wanted):
     """Those of the specification are read, and written so that they are read again."""
     command = parse_command(line)
@@ -64,7 +64,7 @@ def test_commands(line, wanted):
     assert parse_command(command.line()) == command
 
 
-@pytest.mark.parametrize(('line', 'wanted'), RESPONSES)
+@pytest.mark.parametrize(('line', 'expected'), RESPONSES)
 def test_responses(line, wanted):
     """Both dialects are read and written."""
     assert parse_response(line) == wanted
@@ -72,24 +72,25 @@ def test_responses(line, wanted):
 
 
 @pytest.mark.parametrize(('line', 'words'), [
-    ('', 'wanted a tag'), ('12 Get()', 'wanted a tag'), ('00000 Get()', 'wanted a tag'),
-    ('E0000 Get()', 'wanted a tag'), ('00001 Get', 'wanted one command'), ('00001 Get(), Get()', 'wanted one command'),
-    ('00001 (1)', 'wanted one command'),
-    ('00001 Get(', 'a bracket at their end'), ('00001 Get(X(1,)', "wanted a value, got ')'"),
-    ('00001 Get(1 2)', 'wanted commas'), ('00001 Get (1)', "got '('"), ('00001 Get(1))', "got ')'"),
-    ('00001 Get("x)', 'wanted a value, a comma'), ('00001 Get(1.2.3)', 'wanted a value, a comma'),
+    ('', 'expected a tag'), ('12 Get()', 'expected a tag'), ('00000 Get()', 'expected a tag'),
+    ('E0000 Get()', 'expected a tag'), ('00001 Get', 'expected one command'), ('00001 Get(), Get()', 'expected one '
+                                                                                                     'command'),
+    ('00001 (1)', 'expected one command'),
+    ('00001 Get(', 'a bracket at their end'), ('00001 Get(X(1,)', "expected a value, found ')'"),
+    ('00001 Get(1 2)', 'expected commas'), ('00001 Get (1)', "found '('"), ('00001 Get(1))', "found ')'"),
+    ('00001 Get("x)', 'expected a value, a comma'), ('00001 Get(1.2.3)', 'expected a value, a comma'),
     ('00001 ' + '(' * 60000, 'at most 12 brackets'),
 ])
 def test_what_is_no_command(line, words):
     """One error that says what was wanted."""
-    with pytest.raises(NotDme, match='wanted') as caught:
+    with pytest.raises(NotDme, match='expected') as caught:
         parse_command(line)
     assert words in str(caught.value)
 
 
 @pytest.mark.parametrize(('line', 'words'), [
-    ('HTTP/1.1 400 Bad Request', 'wanted a tag and one of'), ('00001 & more', 'wanted nothing after'),
-    ('00001 $', 'wanted a tag'), ('00001 # X(1),', 'after the last comma'), ('00001 # X 1', 'separated by commas'),
+    ('HTTP/1.1 400 Bad Request', 'expected a tag and one of'), ('00001 & more', 'expected nothing after'),
+    ('00001 $', 'expected a tag'), ('00001 # X(1),', 'after the last comma'), ('00001 # X 1', 'separated by commas'),
 ])
 def test_what_is_no_response(line, words):
     """Likewise for a client."""
@@ -117,11 +118,12 @@ def test_answers_are_read_by_name():
     assert numbers(values, 'IJK', 3) == (0, 0, 1)
     assert named(values, 'R') is None
     assert numbers(parse_values('X(2), Y(1), X(2)'), 'X') == (2,)
-    for name, words in [('X', 'X: wanted a finite number, got nan'), ('Z', 'Z: wanted a finite number, got nan'),
-                        ('R', r'wanted R\(...\) with 1 numbers, got IJK'), ('IJK', 'with 1 numbers')]:
+    for name, words in [('X', 'X: expected a finite number, found nan'), ('Z', 'Z: expected a finite number, found '
+                                                                               'nan'),
+                        ('R', r'expected R\(...\) with 1 numbers, found IJK'), ('IJK', 'with 1 numbers')]:
         with pytest.raises(NotDme, match=words):
             numbers(values, name)
-    with pytest.raises(NotDme, match='got "1e999"'):
+    with pytest.raises(NotDme, match='found "1e999"'):
         number('1e999')
 
 

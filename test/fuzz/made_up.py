@@ -40,7 +40,7 @@ class TooLong(AssertionError):
 
 
 def _give_up(number, frame):
-    raise TooLong(f'wanted an answer within {MOST_SECONDS:g} s of CPU time')
+    raise TooLong(f'expected an answer within {MOST_SECONDS:g} s of CPU time')
 
 
 @contextlib.contextmanager

@@ -35,11 +35,11 @@ def mcap_of(tmp_path, profile='ros2', **chunk):
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'', r'some.mcap: is empty; wanted an MCAP log'),
-    (b'hello world', r'some.mcap: is not an MCAP file: wanted it to begin with .*MCAP0'),
-    (b'\x89MCAP0\r\n', r'some.mcap: is not an MCAP file: wanted .* and a header record'),
-    (b'\x89MCAP0\r\n\x05' + bytes(8), r'some.mcap: is not an MCAP file: wanted .* and a header record'),
-    (b'\x89MCAP0\r\n\x0f\4' + bytes(11), r'wanted a header record first, none came'),
+    (b'', r'some.mcap: is empty; expected an MCAP log'),
+    (b'hello world', r'some.mcap: is not an MCAP file: expected it to begin with .*MCAP0'),
+    (b'\x89MCAP0\r\n', r'some.mcap: is not an MCAP file: expected .* and a header record'),
+    (b'\x89MCAP0\r\n\x05' + bytes(8), r'some.mcap: is not an MCAP file: expected .* and a header record'),
+    (b'\x89MCAP0\r\n\x0f\4' + bytes(11), r'expected a header record first, none came'),
 ])
 def test_no_mcap_is_refused_with_words(tmp_path, data, words):
     """The error names the file and what it begins with."""
@@ -49,7 +49,7 @@ def test_no_mcap_is_refused_with_words(tmp_path, data, words):
 
 def test_other_profiles_are_refused_with_words(tmp_path):
     """They say that schemas mean something else."""
-    with pytest.raises(InvalidData, match="some.mcap: profile: wanted ros2, got 'ros1'"):
+    with pytest.raises(InvalidData, match="some.mcap: profile: expected ros2, found 'ros1'"):
         read_log(mcap_of(tmp_path, 'ros1'))
 
 
@@ -75,12 +75,12 @@ def test_a_log_that_states_nothing_is_read_by_what_it_holds(make_cell, tmp_path)
 def test_log_without_ball_centres_is_refused_with_words(make_cell, tmp_path):
     """An empty log, and one in which the CMM never answered; both can be looked into."""
     log = read_log(mcap_of(tmp_path))
-    with pytest.raises(InvalidData, match=r'some.mcap: wanted ball centres \(rosette_msgs/msg/'
-                       r'BallCentre\), got none in 0 messages \(topics: none\)'):
+    with pytest.raises(InvalidData, match=r'some.mcap: expected ball centres \(rosette_msgs/msg/'
+                       r'BallCentre\), found none in 0 messages \(topics: none\)'):
         log.to_run()
     cell = make_cell()
     cell.sent = [entry for entry in cell.sent if 'ball_centre' not in entry[0]]
-    with pytest.raises(InvalidData, match=r'got none in 22 messages \(topics: /rosette/probe_tar'):
+    with pytest.raises(InvalidData, match=r'found none in 22 messages \(topics: /rosette/probe_tar'):
         read_log(cell.write(tmp_path / 'log')).to_run()
 
 
@@ -88,17 +88,18 @@ def test_log_without_targets_is_refused_with_words(make_cell, tmp_path):
     """Number of balls, radius and phase are known from the targets only."""
     cell = make_cell()
     cell.sent = [entry for entry in cell.sent if 'probe_target' not in entry[0]]
-    with pytest.raises(InvalidData, match='log: wanted probe targets .rosette_msgs/msg/ProbeTarget., got none beside '
+    with pytest.raises(InvalidData, match='log: expected probe targets .rosette_msgs/msg/ProbeTarget., found none '
+                                          'beside '
                        '21 ball centres; record both'):
         read_log(cell.write(tmp_path / 'log')).to_run()
 
 
 def test_folders_that_are_no_log_are_refused_with_words(make_cell, tmp_path):
     """Nothing there; nothing in it; a file missing; a description that is none."""
-    with pytest.raises(InvalidData, match='nowhere: wanted a log directory or an .mcap file, got '
+    with pytest.raises(InvalidData, match='nowhere: expected a log directory or an .mcap file, found '
                        'nothing there'):
         read_log(tmp_path / 'nowhere')
-    with pytest.raises(InvalidData, match='wanted a log directory with .mcap files, got none'):
+    with pytest.raises(InvalidData, match='expected a log directory with .mcap files, found none'):
         read_log(tmp_path)
     log = split(make_cell().write(tmp_path / 'whole'), tmp_path / 'log', 3)
     (log / 'log_1.mcap').unlink()
@@ -106,7 +107,7 @@ def test_folders_that_are_no_log_are_refused_with_words(make_cell, tmp_path):
                        'the file back'):
         read_log(log)
     (log / 'metadata.yaml').write_text('hello')
-    with pytest.raises(InvalidData, match='metadata.yaml: wanted a rosbag2 description'):
+    with pytest.raises(InvalidData, match='metadata.yaml: expected a rosbag2 description'):
         read_log(log)
     (log / 'metadata.yaml').unlink()
     assert len(read_log(log).files) > 1
@@ -114,10 +115,10 @@ def test_folders_that_are_no_log_are_refused_with_words(make_cell, tmp_path):
 
 @pytest.mark.parametrize(('key', 'value', 'words'), [
     ('relative_file_paths', ['../other.mcap'], 'names other.mcap, which is missing; put the file back'),
-    ('relative_file_paths', ['..'], r"relative_file_paths: wanted names of files in the same folder, got \['..'\]"),
-    ('relative_file_paths', [], 'relative_file_paths: wanted names'),
-    ('relative_file_paths', [3], 'relative_file_paths: wanted names'),
-    ('storage_identifier', 'sqlite3', "storage_identifier: wanted mcap, got 'sqlite3'; convert"),
+    ('relative_file_paths', ['..'], r"relative_file_paths: expected names of files in the same folder, found \['..'\]"),
+    ('relative_file_paths', [], 'relative_file_paths: expected names'),
+    ('relative_file_paths', [3], 'relative_file_paths: expected names'),
+    ('storage_identifier', 'sqlite3', "storage_identifier: expected mcap, found 'sqlite3'; convert"),
 ])
 def test_foreign_descriptions_are_refused_with_words(make_cell, tmp_path, key, value, words):
     """No file outside the folder is opened because a description says so."""
@@ -133,8 +134,8 @@ def test_unknown_compression_is_refused_with_words(make_cell, write_with_mcap, t
     """What is in such a chunk is unknown: it is not skipped in silence."""
     path = write_with_mcap(tmp_path / 'some.mcap', make_cell(), compression=CompressionType.LZ4)
     path.write_bytes(path.read_bytes().replace(b'\3\0\0\0lz4', b'\3\0\0\0bz2'))
-    with pytest.raises(InvalidData, match="some.mcap: chunk 1: compression: wanted none, lz4 or "
-                       "zstd, got 'bz2'"):
+    with pytest.raises(InvalidData, match="some.mcap: chunk 1: compression: expected none, lz4 or "
+                       "zstd, found 'bz2'"):
         read_log(path)
 
 
@@ -165,7 +166,7 @@ def test_big_endian_is_read_and_other_encodings_are_refused(make_cell, tmp_path)
 
     cell.write(tmp_path / 'log', writer=Broken)
     with pytest.raises(InvalidData, match=r'log_0.mcap: topic /rosette/ball_centre: message 4: '
-                       r'.*BallCentre: wanted CDR \(00 00 or 00 01\), got 00 02'):
+                       r'.*BallCentre: expected CDR \(00 00 or 00 01\), found 00 02'):
         read_log(tmp_path / 'log')
     decode = message_decoder('some_msgs/msg/Some', 'string name\nint32 count\nfloat64[] values')
     for order, head in (('<', b'\0\1'), ('>', b'\0\0')):
@@ -214,7 +215,7 @@ def test_schema_without_a_field_is_refused_with_words(make_cell, tmp_path):
 
     cell.define = without
     cell.write(tmp_path / 'log')
-    with pytest.raises(InvalidData, match='wanted the field table_travel, the log has header, '
+    with pytest.raises(InvalidData, match='expected the field table_travel, the log has header, '
                        'run_id, .*; it was written with another version of the message'):
         read_log(tmp_path / 'log')
 
@@ -244,7 +245,7 @@ def test_truncated_log_gives_what_is_whole(log_bytes, tmp_path, data):
     try:
         assert log.to_run().size <= 16
     except InvalidData as error:
-        assert 'wanted' in str(error)
+        assert 'expected' in str(error)
 
 
 def test_unfinished_log_gives_all_its_whole_chunks(log_bytes, tmp_path):

@@ -190,85 +190,89 @@ def test_planned_repeats_are_allowed_by_the_heading():
 
 
 WRONG = {
-    'missing column': (changed(3, 'y_mm,', ''), 'line 3: wanted the column y_mm, got seq,'),
+    'missing column': (changed(3, 'y_mm,', ''), 'line 3: expected the column y_mm, found seq,'),
     'missing columns': (changed(3, 'ball,', 'b,').replace('z_mm,', 'depth,'),
-                        'line 3: wanted the columns ball, z_mm, got'),
-    'both decimal signs': (changed(5, '86.6', '86,6').replace(',', ';').replace('86;6', '86,6'), "wanted a number, got "
+                        'line 3: expected the columns ball, z_mm, found'),
+    'both decimal signs': (changed(5, '86.6', '86,6').replace(',', ';').replace('86;6', '86,6'), "expected a number, "
+                                                                                                 "found "
                            "'-86.6'; the coordinates have decimal commas; write all numbers so, and no sign between"),
     'comma for decimals or thousands': (
         TABLE.replace('.1,', ',').replace('86.6', '87').replace('0.1', '0').replace('.2,', ',').replace('.3,', ',')
         .replace(',', ';').replace('240;', '1,240;').replace('210;', '1,210;'),
-        "wanted a number, got '1,2[14]0'; the coordinates have decimal points; write all numbers so, and no sign"),
-    'machine frame misspelt': ('# frame: maschine\n' + TABLE, "line 1: wanted frame: table or machine, got 'maschine'"),
+        "expected a number, found '1,2[14]0'; the coordinates have decimal points; write all numbers so, and no sign"),
+    'machine frame misspelt': ('# frame: maschine\n' + TABLE, "line 1: expected frame: table or machine, found "
+                                                              "'maschine'"),
     'unknown column': (changed(3, 'temperature_C', 'temperatur_C'),
-                       "line 3: wanted the column temperature_C, got 'temperatur_C'; rename it"),
+                       "line 3: expected the column temperature_C, found 'temperatur_C'; rename it"),
     'column twice': (changed(3, 'y_mm', 'x_mm').replace('z_mm', 'z_mm,y_mm'),
-                     "line 3: column x_mm: wanted it once, got it again as 'x_mm'"),
-    'word': (changed(5, '86.6', 'oops'), "line 5: column y_mm: wanted a number, got 'oops'"),
-    'decimal comma': (changed(5, '86.6', '86,6'), 'line 5: wanted 11 cells, got 12; write decimals'),
-    'underscore': (changed(5, '86.6', '8_6.6'), "column y_mm: wanted a number, got '8_6.6'"),
-    'other digits': (changed(5, '86.6', '٨٦'), "line 5: column y_mm: wanted a number, got '٨٦'"),
-    'empty cell': (changed(5, '86.6', ''), "line 5: column y_mm: wanted a number, got ''"),
-    'nan': (changed(6, '-86.6', 'NaN'), "line 6: column y_mm: wanted a finite number, got nan; "
+                     "line 3: column x_mm: expected it once, found it again as 'x_mm'"),
+    'word': (changed(5, '86.6', 'oops'), "line 5: column y_mm: expected a number, found 'oops'"),
+    'decimal comma': (changed(5, '86.6', '86,6'), 'line 5: expected 11 cells, found 12; write decimals'),
+    'underscore': (changed(5, '86.6', '8_6.6'), "column y_mm: expected a number, found '8_6.6'"),
+    'other digits': (changed(5, '86.6', '٨٦'), "line 5: column y_mm: expected a number, found '٨٦'"),
+    'empty cell': (changed(5, '86.6', ''), "line 5: column y_mm: expected a number, found ''"),
+    'nan': (changed(6, '-86.6', 'NaN'), "line 6: column y_mm: expected a finite number, found nan; "
             'leave out the row of a ball that was not measured'),
-    'inf': (changed(6, '60', '-inf'), "line 6: column time_s: wanted a finite number, got -inf"),
-    'nan temperature': (changed(6, '20.1', 'nan'), "column temperature_C: wanted a finite number, got nan; "
+    'inf': (changed(6, '60', '-inf'), "line 6: column time_s: expected a finite number, found -inf"),
+    'nan temperature': (changed(6, '20.1', 'nan'), "column temperature_C: expected a finite number, found nan; "
                         'leave the cell empty where it is not known'),
     'not whole': (changed(4, '1,1,1,1', '1,1.5,1,1'),
-                  "line 4: column table_position: wanted a whole number, got 1.5"),
+                  "line 4: column table_position: expected a whole number, found 1.5"),
     'zero-based': (changed(4, '1,1,1,1', '1,0,1,1'),
-                   'line 4: column table_position: wanted at least 1, got 0; indices count from 1'),
-    'ball out of range': (changed(12, '9,3,3,2', '9,3,4,2'), 'line 12: column ball: wanted at most '
-                          '3, as far as table_position goes, got 4; as many table positions as'),
+                   'line 4: column table_position: expected at least 1, found 0; indices count from 1'),
+    'ball out of range': (changed(12, '9,3,3,2', '9,3,4,2'), 'line 12: column ball: expected at most '
+                          '3, as far as table_position goes, found 4; as many table positions as'),
     'ball beyond heading': ('# balls: 3\n' + changed(12, '9,3,3,2', '9,3,4,2'),
-                            r'line 13: column ball: wanted 1..3, got 4; the heading says "# balls'),
+                            r'line 13: column ball: expected 1..3, found 4; the heading says "# balls'),
     'huge index': (changed(12, '9,3,3,2', '9,99999999,99999999,2'),
-                   'wanted 3 to 10000 balls, got 99999999'),
-    'n disagrees': ('# balls: 4\n' + TABLE, r'wanted a run with 4 balls, as the heading says '
-                    r'\("# balls: 4"\), got a complete one with 3; correct the heading'),
-    'two balls': ('# balls: 2\n' + TABLE, 'wanted 3 to 10000 balls, got 2'),
-    'duplicate': (changed(12, '9,3,3,2', '9,3,2,1'), 'line 12: wanted each pair of table position '
-                  r'and ball once, got table_position 3, ball 2 again \(first in line 11\); remove '
+                   'expected 3 to 10000 balls, found 99999999'),
+    'n disagrees': ('# balls: 4\n' + TABLE, r'expected a run with 4 balls, as the heading says '
+                    r'\("# balls: 4"\), found a complete one with 3; correct the heading'),
+    'two balls': ('# balls: 2\n' + TABLE, 'expected 3 to 10000 balls, found 2'),
+    'duplicate': (changed(12, '9,3,3,2', '9,3,2,1'), 'line 12: expected each pair of table position '
+                  r'and ball once, found table_position 3, ball 2 again \(first in line 11\); remove '
                   'one, or say "# repeated_balls: yes"'),
-    'cmm position': (changed(8, '5,2,2,3', '5,2,2,1'), 'line 8: column cmm_position: wanted 3 for '
-                     r'table_position 2, ball 2 of 3: \(i \+ j - 2\) mod n \+ 1, got 1'),
+    'cmm position': (changed(8, '5,2,2,3', '5,2,2,1'), 'line 8: column cmm_position: expected 3 for '
+                     r'table_position 2, ball 2 of 3: \(i \+ j - 2\) mod n \+ 1, found 1'),
     'radians': (rows(lambda cells: [*cells[:4], f'{np.deg2rad(float(cells[4])):.6f}', *cells[5:]]),
-                'line 7: column table_angle_deg: wanted about 120 for table_position 2 of 3, got '
+                'line 7: column table_angle_deg: expected about 120 for table_position 2 of 3, found '
                 '2.094395; these are radians; write degrees'),
     'clockwise': (rows(lambda cells: [*cells[:4], str(-float(cells[4])), *cells[5:]]),
                   'line 7: .* the table counts clockwise'),
-    'one angle': (changed(7, ',120,', ',12,'), 'line 7: column table_angle_deg: wanted about 120 '
-                  'for table_position 2 of 3, got 12; is the number of balls right'),
-    'time back': (changed(9, '150', '119'), 'line 9: column time_s: wanted at least 120, the row '
-                  'before, got 119; rows stand in the order of measuring'),
-    'seq back': (changed(9, '6,2', '5,2'), 'line 9: column seq: wanted more than 5, the row before'),
+    'one angle': (changed(7, ',120,', ',12,'), 'line 7: column table_angle_deg: expected about 120 '
+                  'for table_position 2 of 3, found 12; is the number of balls right'),
+    'time back': (changed(9, '150', '119'), 'line 9: column time_s: expected at least 120, the row '
+                  'before, found 119; rows stand in the order of measuring'),
+    'seq back': (changed(9, '6,2', '5,2'), 'line 9: column seq: expected more than 5, the row before'),
     'approach': (changed(9, '20.2,1', '20.2,2'),
-                 r'line 9: column approach: wanted 1, -1 or 0 \(unknown\), got 2'),
-    'no schema': (TABLE.partition('\n')[2], 'wanted "# schema: rosette-ball-centres/1" in the first lines, got none; '
+                 r'line 9: column approach: expected 1, -1 or 0 \(unknown\), found 2'),
+    'no schema': (TABLE.partition('\n')[2], 'expected "# schema: rosette-ball-centres/1" in the first lines, found '
+                                            'none; '
                   'add that line; `rosette plan --balls 12 --radius-mm 182.5 --order diagonal --csv-template` prints'),
-    'other schema': (changed(1, '/1', '/2'), "line 1: wanted .*, got 'rosette-ball-centres/2'"),
-    'no radius': (TABLE.replace('# radius_mm: 100\n', ''), 'wanted "# radius_mm: ...", the nominal'),
-    'radius word': (changed(2, '100', 'wide'), "line 2: wanted radius_mm: a positive number, got 'w"),
-    'radius sign': (changed(2, '100', '-100'), 'line 2: wanted radius_mm: a positive number'),
+    'other schema': (changed(1, '/1', '/2'), "line 1: expected .*, found 'rosette-ball-centres/2'"),
+    'no radius': (TABLE.replace('# radius_mm: 100\n', ''), 'expected "# radius_mm: ...", the nominal'),
+    'radius word': (changed(2, '100', 'wide'), "line 2: expected radius_mm: a positive number, found 'w"),
+    'radius sign': (changed(2, '100', '-100'), 'line 2: expected radius_mm: a positive number'),
     'other frame': (rows(lambda cells: [*cells[:5], str(float(cells[5]) + 400), *cells[6:]]),
-                    r'line 4: column x_mm, y_mm, z_mm: wanted a place near \(100.000, 0.000, 0\) '
-                    r'for table_position 1, ball 1, got \(500.000, 0.000, 0.000\)'),
-    'key twice': ('# radius_mm: 5\n' + TABLE, r'line 3: wanted radius_mm once, got it again \(first '
+                    r'line 4: column x_mm, y_mm, z_mm: expected a place near \(100.000, 0.000, 0\) '
+                    r'for table_position 1, ball 1, found \(500.000, 0.000, 0.000\)'),
+    'key twice': ('# radius_mm: 5\n' + TABLE, r'line 3: expected radius_mm once, found it again \(first '
                   r'in line 1\)'),
-    'misspelt key': ('# repeatability: 5\n' + TABLE, "line 1: wanted the key repeatability_um, got "
+    'misspelt key': ('# repeatability: 5\n' + TABLE, "line 1: expected the key repeatability_um, found "
                      "'# repeatability: 5'; correct it"),
-    'yes or no': ('# repeated_balls: 1\n' + TABLE, 'wanted repeated_balls: yes or no, got'),
-    'simulated': ('# simulated: 1\n' + TABLE, 'wanted simulated: yes or no, got'),
-    'balls not whole': ('# balls: 3.5\n' + TABLE, 'line 1: wanted balls: a whole number, got'),
-    'short row': (TABLE.rstrip()[:-8], 'line 12: wanted 11 cells, got 9; is the row cut off'),
-    'late remark': (TABLE + '# end\n', "line 13: wanted a reading, got '# end'"),
+    'yes or no': ('# repeated_balls: 1\n' + TABLE, 'expected repeated_balls: yes or no, found'),
+    'simulated': ('# simulated: 1\n' + TABLE, 'expected simulated: yes or no, found'),
+    'balls not whole': ('# balls: 3.5\n' + TABLE, 'line 1: expected balls: a whole number, found'),
+    'short row': (TABLE.rstrip()[:-8], 'line 12: expected 11 cells, found 9; is the row cut off'),
+    'late remark': (TABLE + '# end\n', "line 13: expected a reading, found '# end'"),
     'too wide': (TABLE.replace('approach\n', f'approach{"," * 10_000}\n'),
-                 'line 3: wanted at most 10000 columns, got 10011; save those that are needed'),
-    'tiny repeatability': ('# repeatability_um: 1e-300\n' + TABLE, 'wanted repeatability_um: a positive number, got'),
-    'open quote': (changed(5, '86.6', '"86.6'), 'line 5: wanted cells with closed quotes'),
-    'only heading': ('\n'.join(TABLE.splitlines()[:2]), 'wanted a line with the names of the col'),
-    'no rows': ('\n'.join(TABLE.splitlines()[:3]), 'wanted rows of ball centres, got none'),
-    'empty': ('', 'some.csv: is empty; wanted a table of ball centres'),
+                 'line 3: expected at most 10000 columns, found 10011; save those that are needed'),
+    'tiny repeatability': ('# repeatability_um: 1e-300\n' + TABLE, 'expected repeatability_um: a positive number, '
+                                                                   'found'),
+    'open quote': (changed(5, '86.6', '"86.6'), 'line 5: expected cells with closed quotes'),
+    'only heading': ('\n'.join(TABLE.splitlines()[:2]), 'expected a line with the names of the col'),
+    'no rows': ('\n'.join(TABLE.splitlines()[:3]), 'expected rows of ball centres, found none'),
+    'empty': ('', 'some.csv: is empty; expected a table of ball centres'),
     'blank': (' \n\n', 'some.csv: is empty'),
 }
 
@@ -284,8 +288,9 @@ def test_wrong_tables_are_refused_with_words(name):
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'\x89MCAP0\r\n\0\0', 'some.csv: is a binary file, or text in UTF-16; wanted a table of ball centres as text'),
-    (TABLE.replace('5,2,2,3', '5,2,2,ä').encode('latin-1'), "line 8: column cmm_position: wanted a number, got 'ä'"),
+    (b'\x89MCAP0\r\n\0\0', 'some.csv: is a binary file, or text in UTF-16; expected a table of ball centres as text'),
+    (TABLE.replace('5,2,2,3', '5,2,2,ä').encode('latin-1'), "line 8: column cmm_position: expected a number, found "
+                                                            "'ä'"),
 ])
 def test_other_files_are_refused_with_words(data, words):
     """Binary, or another encoding."""
@@ -317,7 +322,7 @@ def test_file_is_written_once_and_whole(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
     with pytest.raises(InvalidData, match='cannot be written: No such file'):
         write_csv(run, tmp_path / 'nowhere' / 'table.csv')
-    with pytest.raises(InvalidData, match='wanted a table that can be read, got No such file'):
+    with pytest.raises(InvalidData, match='expected a table that can be read, found No such file'):
         read_csv(tmp_path / 'nothing.csv')
 
 
@@ -390,7 +395,7 @@ def test_a_row_without_coordinates_is_a_ball_that_was_not_measured():
     assert text.count('\n') == TABLE.rstrip().count('\n')
     for one in (text, text.replace(',', ';')):
         assert parse(one).size == 8
-    with pytest.raises(InvalidData, match="line 8: column y_mm: wanted a number, got ''"):
+    with pytest.raises(InvalidData, match="line 8: column y_mm: expected a number, found ''"):
         parse(changed(8, ',-50,-86.6,0,120,', ',-50,,,120,'))
 
 
@@ -411,5 +416,5 @@ def test_coordinates_in_the_machine_frame_are_aligned():
     np.testing.assert_allclose(other.values[:, 3:], one.values[:, 3:], rtol=0, atol=1e-9)
     mirrored = format_csv(run.replace(centre=centre * [1, -1, 1])).replace('schema', 'frame: machine\n# schema', 1)
     assert '-1.000) in the machine frame' in parse(mirrored).notes[0]
-    with pytest.raises(InvalidData, match='wanted a place near'):
+    with pytest.raises(InvalidData, match='expected a place near'):
         parse(mirrored.replace('frame: machine', 'frame: table'))

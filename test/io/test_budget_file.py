@@ -42,28 +42,29 @@ def test_the_example_is_read():
 
 
 @pytest.mark.parametrize(('given', 'words'), [
-    ({'ball_from': {}}, "b.yaml: wanted one of touches, ball_form, .*, got 'ball_from'; did you mean 'ball_form'?"),
-    ({'ball_form': {'form': 1}}, 'b.yaml: ball_form: wanted one of form_um, touches, dof, words, got'),
-    ({'ball_form': {'touches': 20}}, 'b.yaml: ball_form: wanted form_um .*, got none'),
-    ({'ball_form': {'form_um': -1}}, 'b.yaml: ball_form: form_um: wanted a positive number, got -1'),
-    ({'ball_form': {'form_um': '0.1 µm'}}, "wanted a positive number, got '0.1 µm'"),
-    ({'ball_form': {'form_um': True}}, 'wanted a positive number, got True'),
-    ({'ball_form': {'form_um': 1.0, 'touches': 7}}, 'touches: wanted one of 6, 8, 9, 12, 16, 20, got 7'),
-    ({'radius': {'u_um': 1.0, 'dof': 0.5}}, 'radius: dof: wanted 1 or more degrees of freedom, got 0.5'),
-    ({'radius': {'u_um': 1.0, 'words': 3}}, 'radius: words: wanted a text of at most 300 characters, got 3'),
-    ({'radius': 3}, 'b.yaml: radius: wanted a mapping, got 3'),
-    ({'hidden_effects': {'drift': 1.0}}, "b.yaml: hidden_effects: wanted one of .*, got 'drift'"),
-    ({'environment': {}}, r'b.yaml: environment: wanted a class \(laboratory, workshop\) or some of .*got none'),
-    ({'environment': {'class': 'hall'}}, "environment: class: wanted one of laboratory, workshop, got 'hall'"),
-    ({'environment': {'class': ['hall']}}, 'environment: class: wanted one of laboratory, workshop, got'),
-    ({'environment': {'drift': 1}}, "environment: wanted one of class, machine, .*, got 'drift'"),
-    ({'environment': {'machine': 0.3}}, "environment: machine: wanted {um: 0.3, words: 'whence it is'}, got 0.3"),
-    ({'environment': {'machine': {'um': 0.3}}}, 'environment: machine: words: wanted a text of .*, got None'),
-    ({'environment': {'machine': {'words': 'test'}}}, 'environment: machine: um: wanted a positive number, got None'),
-    ({'environment': {'table_zero': {'um': 1}}}, "environment: table_zero: wanted one of urad, words, got 'um'"),
-    ({'environment': {'effects': {'drift': {}}}}, "environment: effects: wanted one of .*, got 'drift'"),
-    ({'environment': {'effects': 1}}, 'environment: effects: wanted a mapping, got 1'),
-    ({'schema': 'x'}, 'b.yaml: wanted a mapping with "schema: rosette-budget/1"')])
+    ({'ball_from': {}}, "b.yaml: expected one of touches, ball_form, .*, found 'ball_from'; did you mean 'ball_form'?"),
+    ({'ball_form': {'form': 1}}, 'b.yaml: ball_form: expected one of form_um, touches, dof, words, found'),
+    ({'ball_form': {'touches': 20}}, 'b.yaml: ball_form: expected form_um .*, found none'),
+    ({'ball_form': {'form_um': -1}}, 'b.yaml: ball_form: form_um: expected a positive number, found -1'),
+    ({'ball_form': {'form_um': '0.1 µm'}}, "expected a positive number, found '0.1 µm'"),
+    ({'ball_form': {'form_um': True}}, 'expected a positive number, found True'),
+    ({'ball_form': {'form_um': 1.0, 'touches': 7}}, 'touches: expected one of 6, 8, 9, 12, 16, 20, found 7'),
+    ({'radius': {'u_um': 1.0, 'dof': 0.5}}, 'radius: dof: expected 1 or more degrees of freedom, found 0.5'),
+    ({'radius': {'u_um': 1.0, 'words': 3}}, 'radius: words: expected a text of at most 300 characters, found 3'),
+    ({'radius': 3}, 'b.yaml: radius: expected a mapping, found 3'),
+    ({'hidden_effects': {'drift': 1.0}}, "b.yaml: hidden_effects: expected one of .*, found 'drift'"),
+    ({'environment': {}}, r'b.yaml: environment: expected a class \(laboratory, workshop\) or some of .*got none'),
+    ({'environment': {'class': 'hall'}}, "environment: class: expected one of laboratory, workshop, found 'hall'"),
+    ({'environment': {'class': ['hall']}}, 'environment: class: expected one of laboratory, workshop, found'),
+    ({'environment': {'drift': 1}}, "environment: expected one of class, machine, .*, found 'drift'"),
+    ({'environment': {'machine': 0.3}}, "environment: machine: expected {um: 0.3, words: 'whence it is'}, found 0.3"),
+    ({'environment': {'machine': {'um': 0.3}}}, 'environment: machine: words: expected a text of .*, found None'),
+    ({'environment': {'machine': {'words': 'test'}}}, 'environment: machine: um: expected a positive number, found '
+                                                      'None'),
+    ({'environment': {'table_zero': {'um': 1}}}, "environment: table_zero: expected one of urad, words, found 'um'"),
+    ({'environment': {'effects': {'drift': {}}}}, "environment: effects: expected one of .*, found 'drift'"),
+    ({'environment': {'effects': 1}}, 'environment: effects: expected a mapping, found 1'),
+    ({'schema': 'x'}, 'b.yaml: expected a mapping with "schema: rosette-budget/1"')])
 def test_mistakes_are_named(given, words):
     """File, section, entry, what was wanted and what came."""
     with pytest.raises(InvalidData, match=words.replace('?', r'\?')):

@@ -53,7 +53,8 @@ def test_the_columns_are_proposed(name):
     words, _ = MAPS[name]
     found = proposal_for((FOREIGN / name).read_bytes(), name)
     assert {**found.entries, 'radius_mm': ''} == dict(one.split('=') for one in f'{words},radius_mm='.split(','))
-    with pytest.raises(InvalidData, match=re.escape('wanted "# schema: rosette-ball-centres/1" and "# radius_mm: ...", '
+    with pytest.raises(InvalidData, match=re.escape('expected "# schema: rosette-ball-centres/1" and "# radius_mm: '
+                                                    '...", '
                        'the nominal radius of the circle of ball centres, in the first lines, the columns ')) as caught:
         read_csv(FOREIGN / name)
     assert re.search(r"; if these are ball centres, try: rosette import \S+ --columns '.*' --save map.yaml$",
@@ -77,11 +78,13 @@ def test_a_map_says_all_that_is_missing_at_once():
     """Of columns and of the heading; of columns that the file has not; of patterns that no name fits."""
     data_of = (FOREIGN / 'plain.csv').read_bytes()
     for words, error in (
-            ('x=X,y=Y', 'in the first lines, the columns table_position, ball, z_mm, got x_mm,y_mm; say all of it in'),
-            ('x=XX,y=Y,z=ZZ', 'line 2: wanted the columns XX, ZZ of --columns, got Kugel,X,Y,Z'),
-            ('x', 'x: wanted a file of columns that can be read'), ('x=X,y', "wanted quantity=column,..., got 'y'"),
-            ('x=X,x=Y', 'wanted each quantity once'), ('xx=X,y=Y', "'xx'"), ('x=X,pattern={bal}', "pattern: .*'bal'"),
-            ('name=Kugel,pattern=K{ball},x=X,y=Y,z=Z', "line 3: wanted names such as 'K{ball}', got '3'")):
+            ('x=X,y=Y', 'in the first lines, the columns table_position, ball, z_mm, found x_mm,y_mm; say all of it '
+                        'in'),
+            ('x=XX,y=Y,z=ZZ', 'line 2: expected the columns XX, ZZ of --columns, found Kugel,X,Y,Z'),
+            ('x', 'x: expected a file of columns that can be read'), ('x=X,y', "expected quantity=column,..., found "
+                                                                               "'y'"),
+            ('x=X,x=Y', 'expected each quantity once'), ('xx=X,y=Y', "'xx'"), ('x=X,pattern={bal}', "pattern: .*'bal'"),
+            ('name=Kugel,pattern=K{ball},x=X,y=Y,z=Z', "line 3: expected names such as 'K{ball}', found '3'")):
         with pytest.raises(InvalidData, match=error):
             parse_csv(data_of, 'plain.csv', read_columns(words))
 
@@ -113,15 +116,15 @@ def test_values_without_a_measurement_are_passed_over():
     columns = read_columns(f'{MAPS["fields.dfq"][0]},radius_mm=100,balls=3')
     more = fields + 'K0001/1 2\nK0002/1 256\nK0001/2 2\nK0002/2 256\n'
     assert parse_csv(more.encode(), 'f', columns).size == 6
-    with pytest.raises(InvalidData, match='K2142: wanted one unit of all coordinates, got inch, mm'):
+    with pytest.raises(InvalidData, match='K2142: expected one unit of all coordinates, found inch, mm'):
         parse_csv(fields.replace('K2142/5 mm', 'K2142/5 inch').encode(), 'f', columns)
     qif = (FOREIGN / 'results.qif').read_text()
     columns = read_columns(f'{MAPS["results.qif"][0]},radius_mm=100,balls=3')
-    with pytest.raises(InvalidData, match='wanted QIF .XML., got text that is none: '):
+    with pytest.raises(InvalidData, match='expected QIF .XML., found text that is none: '):
         parse_csv(qif[:-20].encode(), 'f', columns)
-    with pytest.raises(InvalidData, match='LinearUnit: wanted one of mm, cm, m, um, inch, got 0.3048 m'):
+    with pytest.raises(InvalidData, match='LinearUnit: expected one of mm, cm, m, um, inch, found 0.3048 m'):
         parse_csv(qif.replace('0.0254', '0.3048').encode(), 'f', columns)
-    with pytest.raises(InvalidData, match='wanted QIF results with measured spheres'):
+    with pytest.raises(InvalidData, match='expected QIF results with measured spheres'):
         parse_csv(qif.replace('Sphere', 'Circle').encode(), 'f', columns)
     with pytest.raises(InvalidData, match='line 41: column ball'):
         parse_csv(qif.replace('P2 Ball 1', 'P2 Ball 4').encode(), 'f', columns)
@@ -177,7 +180,7 @@ def test_dates_are_seconds_since_the_first():
         assert run.time.tolist() == [60 * (one // 30) for one in parse(TABLE).time.tolist()], form
         assert 'dates with time of day were taken as seconds since the first' in run.notes
     mixed = rows(lambda cells: [*cells[:8], f'2026-11-27 08:00:00{"Z" * (int(cells[0]) % 2)}', *cells[9:]])
-    with pytest.raises(InvalidData, match='line 5: column time_s: wanted a time with a zone, as in the rows b'):
+    with pytest.raises(InvalidData, match='line 5: column time_s: expected a time with a zone, as in the rows b'):
         parse(mixed)
 
 
@@ -186,7 +189,7 @@ def test_names_of_features_are_matched_in_one_go():
     text = 'Feature\tX\tY\tZ\n' + ''.join(f'{"1a" * 28}1{end}\t1\t2\t3\n' for end in ('a', 'b0', 'b1', 'c'))
     started = time.process_time()
     assert proposal_for(text.encode(), 'r.csv').pattern.count('*') == 27
-    with pytest.raises(InvalidData, match='wanted names such as'):
+    with pytest.raises(InvalidData, match='expected names such as'):
         parse_csv(text.encode(), 'r.csv', read_columns(
             f'x=X,y=Y,z=Z,name=Feature,pattern={"*a" * 25}{{ball}}x{{table}},radius_mm=100'))
     assert time.process_time() - started < 5
@@ -202,13 +205,13 @@ def test_what_a_pattern_takes_of_a_name(pattern, name, found):
     if found:
         assert columns.readings(['N'], [(1, [name])], '') == ([(1, found)], 0)
     else:
-        with pytest.raises(InvalidData, match='line 1: wanted names such as'):
+        with pytest.raises(InvalidData, match='line 1: expected names such as'):
             columns.readings(['N'], [(1, [name])], '')
 
 
 def test_a_pattern_says_each_number_once():
     """Before anything is read with it."""
-    with pytest.raises(InvalidData, match=r"--columns: pattern: wanted {ball} once, got '{ball}{ball}'"):
+    with pytest.raises(InvalidData, match=r"--columns: pattern: expected {ball} once, found '{ball}{ball}'"):
         read_columns('x=X,y=Y,z=Z,name=N,pattern={ball}{ball}')
 
 
@@ -230,7 +233,7 @@ def test_calypso_as_it_is_written_today():
 def test_numbers_of_formats_that_are_none():
     """A factor of QIF that is a word; a characteristic of AQDEF beyond any."""
     qif = (FOREIGN / 'results.qif').read_text()
-    with pytest.raises(InvalidData, match='LinearUnit: wanted one of mm, cm, m, um, inch, got abc m'):
+    with pytest.raises(InvalidData, match='LinearUnit: expected one of mm, cm, m, um, inch, found abc m'):
         parse_csv(re.sub('<Factor>[^<]*</Factor>', '<Factor>abc</Factor>', qif).encode(), 'f')
     fields = (FOREIGN / 'fields.dfq').read_text() + f'K2001/{"9" * 5000} 1\n'
     assert parse_csv(fields.encode(), 'f', read_columns(f'{MAPS["fields.dfq"][0]},radius_mm=100,balls=3')).size == 6

@@ -44,16 +44,16 @@ def test_nothing_is_lost(tmp_path, correction):
 
 @pytest.mark.parametrize(('change', 'words'), [
     ({'schema': 'rosette-plan/1'}, 'file of rosette correct RUN --for ros with "schema: rosette-correction/1"'),
-    ({'corected': []}, "wanted one of .*, got 'corected'|corected"),
-    ({'corrected': ['crq']}, 'corrected: wanted a list of ctx, cty, ctz, crx, cry, crz, got'),
-    ({'corrected': []}, r'corrected: wanted a list of .*, got \[\]'),
-    ({'run_id': 7}, 'run_id: wanted a text, got 7'),
-    ({'simulated': 'no'}, "simulated: wanted true or false, got 'no'"),
-    ({'forward': None}, 'forward: wanted a mapping of angle, ctx, .*, got None'),
-    ({'forward': {'ctx': 'a'}}, "forward: ctx: wanted a list of at most 4000 finite numbers, got 'a'"),
-    ({'forward': {'ctx': [float('nan')] * N}}, 'forward: ctx: wanted a list of at most 4000 finite numbers'),
-    ({'forward': {'ctx': [0.0]}}, 'forward: wanted as many values of each error as angles, got angle 12, ctx 1'),
-    ({'forward': {'angle': [0.0] * N}}, 'a.yaml: correction: wanted error motions at 5 equally spaced angles')])
+    ({'corected': []}, "expected one of .*, found 'corected'|corected"),
+    ({'corrected': ['crq']}, 'corrected: expected a list of ctx, cty, ctz, crx, cry, crz, found'),
+    ({'corrected': []}, r'corrected: expected a list of .*, found \[\]'),
+    ({'run_id': 7}, 'run_id: expected a text, found 7'),
+    ({'simulated': 'no'}, "simulated: expected true or false, found 'no'"),
+    ({'forward': None}, 'forward: expected a mapping of angle, ctx, .*, found None'),
+    ({'forward': {'ctx': 'a'}}, "forward: ctx: expected a list of at most 4000 finite numbers, found 'a'"),
+    ({'forward': {'ctx': [float('nan')] * N}}, 'forward: ctx: expected a list of at most 4000 finite numbers'),
+    ({'forward': {'ctx': [0.0]}}, 'forward: expected as many values of each error as angles, found angle 12, ctx 1'),
+    ({'forward': {'angle': [0.0] * N}}, 'a.yaml: correction: expected error motions at 5 equally spaced angles')])
 def test_bad_files_are_refused_in_words(tmp_path, change, words):
     """By key, with what was wanted and what came."""
     path = tmp_path / 'a.yaml'
@@ -92,8 +92,8 @@ def test_a_compensation_file_of_linuxcnc():
 
 
 @pytest.mark.parametrize(('limits', 'corrected', 'words'), [
-    ((0, 360, 1), CURVES, 'wanted at most 256 lines, which LinuxCNC reads, got 361; take --step 1.412 to '),
-    ((0, 360, 5), ('ctz',), 'wanted crz among the errors to correct, .* got ctz')])
+    ((0, 360, 1), CURVES, 'expected at most 256 lines, which LinuxCNC reads, found 361; take --step 1.412 to '),
+    ((0, 360, 5), ('ctz',), 'expected crz among the errors to correct, .* got ctz')])
 def test_what_linuxcnc_would_not_read_is_refused(limits, corrected, words):
     """In words, with what would do."""
     with pytest.raises(InvalidConfig, match=words):

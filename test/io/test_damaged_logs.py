@@ -178,7 +178,7 @@ def test_a_cut_log_whose_chunk_is_hidden_is_not_whole(many, tmp_path):
             data[at - 1] = 0x80  # a private record; the checksum of the summary is then wrong, too
     path.write_bytes(data)
     [problem] = read_log(log).problems
-    assert 'messages, as its summary or metadata.yaml says, got' in problem
+    assert 'messages, as its summary or metadata.yaml says, found' in problem
 
 
 @pytest.mark.parametrize('begin', [0, 3000, 5000, 9000, 12_000, 22_500])
@@ -239,11 +239,12 @@ def test_what_expands_beyond_measure_is_skipped_or_refused(tmp_path):
     path, part = tmp_path / 'bomb.mcap', chunked(bytes(200 << 20))
     path.write_bytes(MAGIC + part + 16 * part[HEAD:])
     memory, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
-    assert read_log(path).problems[0].endswith('a chunk that expands to 209715200 bytes was skipped; wanted at most '
+    assert read_log(path).problems[0].endswith('a chunk that expands to 209715200 bytes was skipped; expected at most '
                                                '33554432')
     part = chunked(bytes(1 << 18))
     path.write_bytes(MAGIC + part + 20 * part[HEAD:])
-    with pytest.raises(InvalidData, match=r'bomb.mcap: wanted a log that expands to at most 100 times its size, got'):
+    with pytest.raises(InvalidData, match=r'bomb.mcap: expected a log that expands to at most 100 times its size, '
+                                          r'found'):
         read_log(path)
     message = bytes([Opcode.MESSAGE]) + (22).to_bytes(8, 'little') + bytes(22)
     part = chunked(message * 100_000)
@@ -265,7 +266,7 @@ def test_time_and_problems_are_bounded(make_cell, tmp_path, monkeypatch):
     assert read_log(path).problems[-1].endswith('has more problems')
     path.write_bytes(data)
     monkeypatch.setattr(log_reader, 'READ_WITHIN', -2.0)
-    with pytest.raises(InvalidData, match='log_0.mcap: wanted a log that is read within -1.* s, got a longer one'):
+    with pytest.raises(InvalidData, match='log_0.mcap: expected a log that is read within -1.* s, found a longer one'):
         read_log(log)
 
 
@@ -287,8 +288,8 @@ def deep(levels):
 
 
 @pytest.mark.parametrize(('levels', 'size', 'words'), [
-    (300, 1 << 18, 'wanted at most 12 types within it, got 300'),
-    (12, 1 << 22, 'wanted a message of at most 131072 bytes, got 4194304')])
+    (300, 1 << 18, 'expected at most 12 types within it, found 300'),
+    (12, 1 << 22, 'expected a message of at most 131072 bytes, found 4194304')])
 def test_what_one_message_costs_is_bounded(levels, size, words):
     """Each byte of an array may be a message that holds messages: 4 MB took more than 120 s and 746 MB."""
     count = (size - 8).to_bytes(4, 'little')

@@ -65,13 +65,15 @@ def table(*lines):
 
 
 @pytest.mark.parametrize(('lines', 'words'), [
-    (['table_axis: 0, 0, 0'], r'line 2: wanted table_axis: 3 numbers that are not all 0, the direction of the table '
-                              r"axis in the machine, got '0, 0, 0'"),
-    (['table_axis: 1, 0'], "got '1, 0'"), (['table_axis: nan, 0, 1'], "got 'nan, 0, 1'"),
-    (['table_axis: x'], "got 'x'"),
-    (['table_axis: inf, 0, 1'], 'inf'), (['table_x: 1, 0, 0'], 'wanted table_axis beside table_x, got table_x alone'),
-    (['table_axis: 0, 0, 1', 'table_x: 0, 1, 1'], 'line 3: table_x: wanted x perpendicular to the axis, got 45.00 deg'),
-    (['table_axs: 0, 0, 1'], 'wanted the key table_axis')])
+    (['table_axis: 0, 0, 0'], r'line 2: expected table_axis: 3 numbers that are not all 0, the direction of the table '
+                              r"axis in the machine, found '0, 0, 0'"),
+    (['table_axis: 1, 0'], "found '1, 0'"), (['table_axis: nan, 0, 1'], "found 'nan, 0, 1'"),
+    (['table_axis: x'], "found 'x'"),
+    (['table_axis: inf, 0, 1'], 'inf'), (['table_x: 1, 0, 0'], 'expected table_axis beside table_x, found table_x '
+                                                               'alone'),
+    (['table_axis: 0, 0, 1', 'table_x: 0, 1, 1'], 'line 3: table_x: expected x perpendicular to the axis, found 45.00 '
+                                                  'deg'),
+    (['table_axs: 0, 0, 1'], 'expected the key table_axis')])
 def test_a_bad_axis_is_refused_in_one_line(lines, words):
     """With its line."""
     with pytest.raises(InvalidData, match=words) as caught:
@@ -97,6 +99,7 @@ def test_machine_coordinates_tell_it_themselves():
     frame = taught_frame([0.3, 0.2, 0.1], [1, 0.1, 0], 0.3)
     assert parse_csv(in_machine(frame)).rotation == pytest.approx(frame.rotation, abs=1e-5)
     assert parse_csv(in_machine(frame, '# table_axis: 1, 0, 0\n')).rotation == pytest.approx(frame.rotation, abs=1e-5)
-    with pytest.raises(InvalidData, match=r'table_axis: wanted \(0.995, 0.0995, .*\), about which the ball centres turn'
-                                          r', got \(0, 0, 1\), 90 deg off; correct it, or leave it out'):
+    with pytest.raises(InvalidData, match=r'table_axis: expected \(0.995, 0.0995, .*\), about which the ball centres '
+                                          r'turn'
+                                          r', found \(0, 0, 1\), 90 deg off; correct it, or leave it out'):
         parse_csv(in_machine(frame, '# table_axis: 0, 0, 1\n'))

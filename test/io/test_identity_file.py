@@ -68,48 +68,52 @@ def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
     assert other.limits(None) == pytest.approx(
         {'crx': 2e-6, 'cry': np.pi / 324000, 'crz': np.pi / 216000, 'ctx': 2e-6})
     assert parsed('tolerances: {EXC: .3 µm, cty: 2. um}').limits(None) == pytest.approx({'ctx': 3e-7, 'cty': 2e-6})
-    with pytest.raises(InvalidData, match=r'who\.yaml: tolerances: EXC: wanted errors of this table, EYA, EZA, EXA, '
-                                          'EBA, ECA, EAA, got one of another axis; ctx … crz go with any axis'):
+    with pytest.raises(InvalidData, match=r'who\.yaml: tolerances: EXC: expected errors of this table, EYA, EZA, EXA, '
+                                          'EBA, ECA, EAA, found one of another axis; ctx … crz go with any axis'):
         found.limits(rotation_of([1, 0, 0]))
     twice = parsed('tolerances: {EXC: 1 um, ctx: 2 um}')
     later = parse_identity(b'schema: rosette-identity/1\noperator: A', 'later.yaml')
     for one in (twice, twice.with_changes(later)[0], later.with_changes(twice)[0]):
-        with pytest.raises(InvalidData, match=r'who\.yaml: tolerances: ctx: wanted each error once, ctx stands twice'):
+        with pytest.raises(InvalidData, match=r'who\.yaml: tolerances: ctx: expected each error once, ctx stands '
+                                              r'twice'):
             one.limits(None)
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'', 'with "schema: rosette-identity/1", got nothing$'),
-    (b'operator: A', 'with "schema: rosette-identity/1", got .*operator.*; add that line$'),
-    (b'just words', "with .*, got 'just words'$"),
-    (b'schema: rosette-budget/1', "with .*, got {'schema': 'rosette-budget/1'}$")])
+    (b'', 'with "schema: rosette-identity/1", found nothing$'),
+    (b'operator: A', 'with "schema: rosette-identity/1", found .*operator.*; add that line$'),
+    (b'just words', "with .*, found 'just words'$"),
+    (b'schema: rosette-budget/1', "with .*, found {'schema': 'rosette-budget/1'}$")])
 def test_another_file_is_refused(data, words):
     """It is said which line makes an identity of it."""
-    with pytest.raises(InvalidData, match=f'who.yaml: wanted a mapping {words}'):
+    with pytest.raises(InvalidData, match=f'who.yaml: expected a mapping {words}'):
         parse_identity(data, 'who.yaml')
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('tabel: {serial: A}', "wanted one of certificate, .*, got 'tabel'; did you mean 'table'?"),
-    ('table: {serail: A}', "table: wanted one of maker, .*, got 'serail'; did you mean 'serial'?"),
-    ('table: RT 400', "table: wanted a mapping of maker, model, serial, calibration, remarks, got 'RT 400'"),
-    ('table: {serial: 0123}', 'table.serial: wanted a text in quotes, got 83; without them YAML makes another value'),
-    ('laboratory: {country: NO}', 'laboratory.country: wanted a text in quotes, got False'),
-    ('laboratory: {country: Germany}', "laboratory.country: wanted two capital letters of ISO 3166-1 such as DE"),
-    ('laboratory: {email: nope}', "laboratory.email: wanted an address such as lab@example.org, got 'nope'"),
-    ('certificate: {date: 12.4.2026}', "certificate.date: wanted a date such as 2026-04-12, got '12.4.2026'"),
-    ('measured: {begin: 2026-04-12, end: 2026-04-11}', 'measured: wanted an end after the begin 2026-04-12'),
-    ('place: {name: R, at: home}', "place.at: wanted one of laboratory, customer, other, got 'home'"),
-    ('operator: "\\x1b[31m"', 'operator.name: wanted at most 200 printable characters'),
-    (f'operator: {"x" * 201}', 'operator.name: wanted at most 200 printable characters'),
-    ('tolerances: 5', 'tolerances: wanted a mapping such as "EXC: 1.5 µm", got 5'),
-    ('tolerances: {EXX: 1 um}', "tolerances: wanted the name of an error such as EXC or ctx, got 'EXX'; a C axis"),
-    ('tolerances: {EXC: 1.5}', 'tolerances: EXC: wanted a positive length with its unit .*, such as "1.5 µm", got 1.5'),
-    ('tolerances: {EXC: 1 urad}', 'tolerances: EXC: wanted a positive length'),
-    ('tolerances: {EXC: "1,5 µm"}', "tolerances: EXC: wanted .*, got '1,5 µm'; write a decimal point"),
-    ('tolerances: {ECC: 1 deg}', "tolerances: ECC: wanted a positive angle with its unit .µrad, .*arcsec., .*'1 deg'"),
-    ('tolerances: {EAC: 1 um}', 'tolerances: EAC: wanted a positive angle'),
-    ('tolerances: {EAC: 0 arcsec}', 'tolerances: EAC: wanted a positive angle')])
+    ('tabel: {serial: A}', "expected one of certificate, .*, found 'tabel'; did you mean 'table'?"),
+    ('table: {serail: A}', "table: expected one of maker, .*, found 'serail'; did you mean 'serial'?"),
+    ('table: RT 400', "table: expected a mapping of maker, model, serial, calibration, remarks, found 'RT 400'"),
+    ('table: {serial: 0123}', 'table.serial: expected a text in quotes, found 83; without them YAML makes another '
+                              'value'),
+    ('laboratory: {country: NO}', 'laboratory.country: expected a text in quotes, found False'),
+    ('laboratory: {country: Germany}', "laboratory.country: expected two capital letters of ISO 3166-1 such as DE"),
+    ('laboratory: {email: nope}', "laboratory.email: expected an address such as lab@example.org, found 'nope'"),
+    ('certificate: {date: 12.4.2026}', "certificate.date: expected a date such as 2026-04-12, found '12.4.2026'"),
+    ('measured: {begin: 2026-04-12, end: 2026-04-11}', 'measured: expected an end after the begin 2026-04-12'),
+    ('place: {name: R, at: home}', "place.at: expected one of laboratory, customer, other, found 'home'"),
+    ('operator: "\\x1b[31m"', 'operator.name: expected at most 200 printable characters'),
+    (f'operator: {"x" * 201}', 'operator.name: expected at most 200 printable characters'),
+    ('tolerances: 5', 'tolerances: expected a mapping such as "EXC: 1.5 µm", found 5'),
+    ('tolerances: {EXX: 1 um}', "tolerances: expected the name of an error such as EXC or ctx, found 'EXX'; a C axis"),
+    ('tolerances: {EXC: 1.5}', 'tolerances: EXC: expected a positive length with its unit .*, such as "1.5 µm", found '
+                               '1.5'),
+    ('tolerances: {EXC: 1 urad}', 'tolerances: EXC: expected a positive length'),
+    ('tolerances: {EXC: "1,5 µm"}', "tolerances: EXC: expected .*, found '1,5 µm'; write a decimal point"),
+    ('tolerances: {ECC: 1 deg}', "tolerances: ECC: expected a positive angle with its unit .µrad, .*arcsec., .*'1 "
+                                 "deg'"),
+    ('tolerances: {EAC: 1 um}', 'tolerances: EAC: expected a positive angle'),
+    ('tolerances: {EAC: 0 arcsec}', 'tolerances: EAC: expected a positive angle')])
 def test_what_is_wrong_is_said(text, words):
     """One line: file, entry, what was wanted, what came."""
     with pytest.raises(InvalidData, match=f'who.yaml: {words}'):

@@ -76,7 +76,7 @@ def wait(condition):
     end = time.monotonic() + 60
     while not condition():
         if time.monotonic() > end:
-            sys.exit('wanted an end of the move within 60 s')
+            sys.exit('expected an end of the move within 60 s')
         time.sleep(0.02)
         status.poll()
 

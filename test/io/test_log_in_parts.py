@@ -91,7 +91,7 @@ def test_files_of_several_runs_and_copies_of_one_are_not_one_log(make_cell, tmp_
     (folder / 'b.mcap').write_bytes(other.read_bytes())
     for name in ('a.mcap', 'b copied.mcap'):
         (folder / name).write_bytes((first if name == 'a.mcap' else other).read_bytes())
-        with pytest.raises(InvalidData, match='folder: wanted a run, got a folder of 2: '):
+        with pytest.raises(InvalidData, match='folder: expected a run, found a folder of 2: '):
             read_log(folder)
         assert len(runs_in(folder)) == len(find_logs([str(folder)])) == 2
         (folder / name).unlink()

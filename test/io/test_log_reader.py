@@ -150,7 +150,8 @@ def test_two_table_frames_for_one_run_are_refused(make_cell, tmp_path):
     first = next(place for place, entry in enumerate(cell.sent) if entry[0].endswith('probe_target'))
     cell.sent.insert(first + 1, cell.sent.pop(0))
     log = read_log(cell.write(tmp_path / 'log'))
-    words = (r'log: wanted one table frame for run first, got 2 that differ; two cells share /tf_static\? give each '
+    words = (r'log: expected one table frame for run first, found 2 that differ; two cells share /tf_static\? give '
+             r'each '
              'its namespace or domain')
     with pytest.raises(InvalidData, match=words):
         log.to_run()
@@ -187,7 +188,7 @@ def test_two_runs_in_one_log_are_told_and_chosen(make_cell, tmp_path):
     first, second = make_cell(run_id='first'), make_cell(run_id='second', seed=5, begin_s=9e4)
     first.sent += second.sent
     log = read_log(first.write(tmp_path / 'log'))
-    with pytest.raises(InvalidData, match=r'log: wanted one run, got 2: first, second; choose one'):
+    with pytest.raises(InvalidData, match=r'log: expected one run, found 2: first, second; choose one'):
         log.to_run()
     np.testing.assert_allclose(log.to_run('second').centre, second.centre, atol=2e-16)
     np.testing.assert_allclose(log.to_run('first').centre, first.centre, atol=2e-16)
@@ -225,7 +226,7 @@ def test_other_messages_are_kept_for_information(make_cell, tmp_path):
     assert log.end_ns - log.start_ns == 10**7 * (len(cell.sent) - 1)
 
 
-@pytest.mark.parametrize(('said', 'name', 'key', 'wanted'), [
+@pytest.mark.parametrize(('said', 'name', 'key', 'expected'), [
     ({}, 'rosette/cmm', 'simulated_s', True), ({}, 'rosette/cmm', 'measured', False),
     ({}, 'gazebo', 'simulated_s', False), ({}, '', '', False), ({'rosette.simulated': 'yes'}, '', '', True)])
 def test_a_run_is_simulated_if_its_cell_says_so(make_cell, tmp_path, said, name, key, wanted):

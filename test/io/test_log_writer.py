@@ -152,10 +152,10 @@ def test_misuse_is_refused_with_words(tmp_path):
     log.close()
     with pytest.raises(InvalidData, match='the log is closed'):
         log.write('/text', HELLO, 0, 0)
-    with pytest.raises(InvalidConfig, match="wanted one of none, lz4, zstd, got 'bz2'"):
+    with pytest.raises(InvalidConfig, match="expected one of none, lz4, zstd, found 'bz2'"):
         LogWriter(tmp_path / 'other', 'log', compression='bz2')
     (tmp_path / 'file').write_text('')
-    with pytest.raises(InvalidData, match='wanted a folder for the log, got'):
+    with pytest.raises(InvalidData, match='expected a folder for the log, found'):
         LogWriter(tmp_path / 'file', 'log')
 
 

@@ -50,16 +50,16 @@ def test_the_written_text_is_what_a_person_would_write():
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'', 'm.yaml: wanted a mapping with base and effects, got nothing'),
-    (b'a: \xff', 'm.yaml: wanted UTF-8 text, got byte 0xff at position 3'),
-    (b'base: [x', 'm.yaml: wanted YAML, got text that is none: line 2, column 1'),
+    (b'', 'm.yaml: expected a mapping with base and effects, found nothing'),
+    (b'a: \xff', 'm.yaml: expected UTF-8 text, found byte 0xff at position 3'),
+    (b'base: [x', 'm.yaml: expected YAML, found text that is none: line 2, column 1'),
     (b'base: []\nbase: []', "line 2, column 1: key 'base' stands twice"),
-    (b'effects: [&a frame_drift, *a]', 'm.yaml: line 1: wanted plain YAML, got an alias'),
-    (b'effects: ' + b'[' * 5000, 'm.yaml: line 1: wanted at most 20 levels of nesting'),
-    (b'#' * 100_001, 'm.yaml: wanted a model file of at most 100000 bytes'),
-    (b'effects: [!!python/object:os.system {}]', 'm.yaml: wanted YAML'),
-    (b'effects: [2026-99-99]', 'm.yaml: wanted YAML values, got one that is none'),
-    (b'? [1]\n: 2', 'm.yaml: wanted YAML, got text that is none: line 1, column 3'),
+    (b'effects: [&a frame_drift, *a]', 'm.yaml: line 1: expected plain YAML, found an alias'),
+    (b'effects: ' + b'[' * 5000, 'm.yaml: line 1: expected at most 20 levels of nesting'),
+    (b'#' * 100_001, 'm.yaml: expected a model file of at most 100000 bytes'),
+    (b'effects: [!!python/object:os.system {}]', 'm.yaml: expected YAML'),
+    (b'effects: [2026-99-99]', 'm.yaml: expected YAML values, found one that is none'),
+    (b'? [1]\n: 2', 'm.yaml: expected YAML, found text that is none: line 1, column 3'),
 ])
 def test_what_is_no_model(tmp_path, data, words):
     """One line each; nothing is built from tricks."""
@@ -72,7 +72,7 @@ def test_what_is_no_model(tmp_path, data, words):
 
 def test_no_file(tmp_path):
     """Neither nothing nor a folder is a model file."""
-    with pytest.raises(InvalidModel, match='wanted a model file that can be read, got No such file or directory'):
+    with pytest.raises(InvalidModel, match='expected a model file that can be read, found No such file or directory'):
         read_model(tmp_path / 'none.yaml')
-    with pytest.raises(InvalidModel, match='wanted a model file that can be read, got Is a directory'):
+    with pytest.raises(InvalidModel, match='expected a model file that can be read, found Is a directory'):
         read_model(tmp_path)

@@ -100,10 +100,11 @@ def test_wrong_units_are_named_with_their_factor():
             scaled = '\n'.join(','.join([*cells[:5], *(repr(float(one) / factor) for one in cells[5:8]), *cells[8:]])
                                if cells[0].isdigit() else ','.join(cells) for cells in lines)
             radius = f'radius_mm: {182.5 / factor!r}'
-            with pytest.raises(InvalidData, match='columns x_mm, y_mm, z_mm: .* R = 182.5 mm, as radius_mm says, got '
+            with pytest.raises(InvalidData, match='columns x_mm, y_mm, z_mm: .* R = 182.5 mm, as radius_mm says, found '
                                rf'R = .*; these are {unit}, of {factor:g} mm: name the columns x_{unit}, y_{unit}, z'):
                 parse(scaled)
-            with pytest.raises(InvalidData, match=f'radius_mm: wanted about 182.5 mm, .* is {unit}, of {factor:g} mm'):
+            with pytest.raises(InvalidData, match=f'radius_mm: expected about 182.5 mm, .* is {unit}, of {factor:g} '
+                                                  f'mm'):
                 parse(text.replace('radius_mm: 182.5', radius))
             both = parse(scaled.replace('radius_mm: 182.5', radius))
             remarks = list(map(remark_words, both.remarks))

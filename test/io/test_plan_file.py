@@ -66,47 +66,53 @@ SIX = plan(6)
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('schema: rosette-plate/1', 'wanted a plan file with "schema: rosette-plan/1", got'),
-    ('[1, 2]', 'wanted a plan file with "schema: rosette-plan/1", got'),
-    (rows_of(SIX).replace('balls: 6', 'balls: six'), "balls: wanted a whole number in 3..1000, got 'six'"),
-    (rows_of(SIX).replace('182.5', '-3'), 'radius_mm: wanted a number in 1..10000, got -3'),
-    (rows_of(SIX).replace('# radius_mm: 182.5\n', ''), 'radius_mm: wanted a number, but it is missing'),
-    (YAML, 'wanted an order, or a table of readings with the columns table_position and ball, got neither'),
-    (YAML + 'order: row\nball: [1]', 'key: wanted one of schema, balls, radius_mm, order, table_offset_deg, seed'),
-    (HEAD, 'wanted rows below the columns table_position, ball, approach, session, touches, got none'),
-    (HEAD + 'table_position,ball\n', 'wanted rows below the columns table_position, ball, '),
-    (HEAD + '# order: row\n# order: column\n', "wanted the key order once, got it again: 'column'; remove one of them"),
-    (HEAD + '# order: row\n# table_offset: 15\n', "wanted the key table_offset_deg, got 'table_offset'; correct it"),
+    ('schema: rosette-plate/1', 'expected a plan file with "schema: rosette-plan/1", found'),
+    ('[1, 2]', 'expected a plan file with "schema: rosette-plan/1", found'),
+    (rows_of(SIX).replace('balls: 6', 'balls: six'), "balls: expected a whole number in 3..1000, found 'six'"),
+    (rows_of(SIX).replace('182.5', '-3'), 'radius_mm: expected a number in 1..10000, found -3'),
+    (rows_of(SIX).replace('# radius_mm: 182.5\n', ''), 'radius_mm: expected a number, but it is missing'),
+    (YAML, 'expected an order, or a table of readings with the columns table_position and ball, found neither'),
+    (YAML + 'order: row\nball: [1]', 'key: expected one of schema, balls, radius_mm, order, table_offset_deg, seed'),
+    (HEAD, 'expected rows below the columns table_position, ball, approach, session, touches, found none'),
+    (HEAD + 'table_position,ball\n', 'expected rows below the columns table_position, ball, '),
+    (HEAD + '# order: row\n# order: column\n', "expected the key order once, found it again: 'column'; remove one of "
+                                               "them"),
+    (HEAD + '# order: row\n# table_offset: 15\n', "expected the key table_offset_deg, found 'table_offset'; correct "
+                                                  "it"),
     (YAML + 'order: zigzag\n', "Unknown order 'zigzag'"),
     (YAML + 'order: row\ncmm_positions: 3\n', '3 of 6 CMM positions or balls do not determine the curves'),
-    (rows_of(SIX, lambda rows: [[1, 7], *rows]), 'row 1: ball: wanted a whole number in 1..6, got 7'),
-    (rows_of(SIX, lambda rows: [*rows, [1.5, 1]]), 'row 37: table_position: wanted a whole number in 1..6, got 1.5'),
-    (rows_of(SIX, lambda rows: [*rows, [1]]), 'row 37: wanted 2 cells, table_position, ball, got 1'),
-    (rows_of(SIX, head='table_position,bal'), "column: wanted one of table_position, ball, "),
-    (YAML + 'order: row\ntouches: 7\n', 'mine.csv: touches: wanted one of 6, 8, 9, 12, 16, 20, or 0 for'),
-    (rows_of(SIX, head='ball,ball'), 'wanted each column once, got ball, ball'),
-    (HEAD + 'ball\n1\n', 'wanted the columns table_position and ball, got none named table_position'),
-    (rows_of(SIX, with_third([2]), 'table_position,ball,approach'), 'row 1: approach: wanted a whole number in -1..1'),
+    (rows_of(SIX, lambda rows: [[1, 7], *rows]), 'row 1: ball: expected a whole number in 1..6, found 7'),
+    (rows_of(SIX, lambda rows: [*rows, [1.5, 1]]), 'row 37: table_position: expected a whole number in 1..6, found '
+                                                   '1.5'),
+    (rows_of(SIX, lambda rows: [*rows, [1]]), 'row 37: expected 2 cells, table_position, ball, found 1'),
+    (rows_of(SIX, head='table_position,bal'), "column: expected one of table_position, ball, "),
+    (YAML + 'order: row\ntouches: 7\n', 'mine.csv: touches: expected one of 6, 8, 9, 12, 16, 20, or 0 for'),
+    (rows_of(SIX, head='ball,ball'), 'expected each column once, found ball, ball'),
+    (HEAD + 'ball\n1\n', 'expected the columns table_position and ball, found none named table_position'),
+    (rows_of(SIX, with_third([2]), 'table_position,ball,approach'), 'row 1: approach: expected a whole number in '
+                                                                    '-1..1'),
     (rows_of(SIX, with_third([1, 3]), 'table_position,ball,session'),
-     'row 2: session: wanted 1 in the first row and one more after each pause, got 3'),
+     'row 2: session: expected 1 in the first row and one more after each pause, found 3'),
     (rows_of(SIX, with_third([0, 7]), 'table_position,ball,touches'),
-     'row 2: touches: wanted one of 6, 8, 9, 12, 16, 20, or 0 for as many as the CMM usually makes, got 7'),
+     'row 2: touches: expected one of 6, 8, 9, 12, 16, 20, or 0 for as many as the CMM usually makes, found 7'),
     (rows_of(SIX, with_third([0, -1]), 'table_position,ball,wait_s'),
-     'row 2: wait_s: wanted a number of seconds in 0..86400, got -1'),
+     'row 2: wait_s: expected a number of seconds in 0..86400, found -1'),
     (rows_of(SIX, with_third([0, 'long']), 'table_position,ball,wait_s'),
-     "row 2: wait_s: wanted a number of seconds in 0..86400, got 'long'"),
-    (HEAD + '# order: Über\n' + rows_of(SIX)[len(HEAD):], "order: wanted a name of at most 40 small letters"),
-    (rows_of(SIX, lambda rows: 5556 * rows), 'too large: wanted at most 200000 readings, got 200016'),
+     "row 2: wait_s: expected a number of seconds in 0..86400, found 'long'"),
+    (HEAD + '# order: Über\n' + rows_of(SIX)[len(HEAD):], "order: expected a name of at most 40 small letters"),
+    (rows_of(SIX, lambda rows: 5556 * rows), 'too large: expected at most 200000 readings, found 200016'),
     (rows_of(SIX, lambda rows: [row for row in rows if row[0] != 4]),
-     'does not determine the curves: wanted at least 3 different balls at each of the table positions 1 .. 6, got 0 '
+     'does not determine the curves: expected at least 3 different balls at each of the table positions 1 .. 6, found '
+     '0 '
      'balls at table position 4; add readings there'),
     (rows_of(SIX, lambda rows: [[1, 1], [1, 2], [2, 3]]),
-     'got 2 balls at table position 1, 1 ball at table position 2, 0 balls at table position 3, '),
+     'found 2 balls at table position 1, 1 ball at table position 2, 0 balls at table position 3, '),
     (rows_of(SIX, lambda rows: [row for row in rows if sum(row) % 6 in (1, 2, 4)]),
-     'does not determine the curves: wanted at least 21 different pairs of table position and ball for 6 balls and 3 '
-     'CMM positions in use, got 18; add readings'),
+     'does not determine the curves: expected at least 21 different pairs of table position and ball for 6 balls and 3 '
+     'CMM positions in use, found 18; add readings'),
     (rows_of(plan(12), lambda rows: [row for row in rows if sum(row) % 3 == 2]).replace('balls: 6', 'balls: 12'),
-     'does not determine the curves: its 48 pairs of table position and ball have rank 95 where 107 is needed; wanted '
+     'does not determine the curves: its 48 pairs of table position and ball have rank 95 where 107 is needed; '
+     'expected '
      'CMM positions or balls that are not equally spaced'),
 ])
 def test_what_cannot_be_measured_is_refused(text, words):
@@ -119,7 +125,8 @@ def test_what_cannot_be_measured_is_refused(text, words):
 def test_a_cell_that_is_too_long_is_refused():
     """By file and line, also where the module csv has a limit of its own."""
     head = 'table_position,ball\n1,1\n'
-    with pytest.raises(InvalidPlan, match=r'p.csv: line 6: wanted cells with closed quotes, of at most 131072 charac'):
+    with pytest.raises(InvalidPlan, match=r'p.csv: line 6: expected cells with closed quotes, of at most 131072 '
+                                          r'charac'):
         parse_plan(f'{HEAD}{head}1,"{"1" * 140_000}"'.encode(), 'p.csv')
-    with pytest.raises(InvalidPlan, match='p.csv: line 6: wanted cells with closed quotes'):
+    with pytest.raises(InvalidPlan, match='p.csv: line 6: expected cells with closed quotes'):
         parse_plan(f'{HEAD}{head}1,"2'.encode(), 'p.csv')

@@ -161,20 +161,21 @@ def test_other_verbs_take_plates_whose_balls_are_on_steps_of_the_table(tmp_path)
     off = fit(run, Model()).error_motions.values - motions.values
     assert np.abs(off / motions.u).max() < 0.05  # the clamping is 0.2 mm and 0.3 mrad off nominal
     (tmp_path / 'plate.yaml').write_text((tmp_path / 'plate.yaml').read_text().replace('130', '130.5'))
-    with pytest.raises(InvalidData, match=r'plate.yaml: ball 5: wanted it within 1 mm of a multiple of 10 deg.*got '
+    with pytest.raises(InvalidData, match=r'plate.yaml: ball 5: expected it within 1 mm of a multiple of 10 deg.*got '
                        r'130.5 deg, 182.5 mm, 0 mm; tables of ball centres take any plate \(rosette evaluate'):
         read_csv(path)
 
 
 @pytest.mark.parametrize(('edit', 'words'), [
-    (lambda text: text.replace('# table_positions: 36\n', ''), 'wanted "# table_positions: ...".*got none'),
-    (lambda text: text.replace('plate: plate', 'plate: other'), r'other.yaml: wanted a plate file that can be read'),
-    (lambda text: text.replace('# plate', '# balls: 11\n# plate'), 'balls: wanted 12, as the plate file'),
-    (lambda text: text.replace('plate: plate', 'plate: ../plate'), 'plate: wanted the name of a file beside the table'),
-    (lambda text: text.replace('plate: plate', 'plate: pipe'), 'plate: wanted the name of a file beside the table'),
-    (lambda text: text.replace('\n1,1,1,', '\n1,1,13,'), r'column ball: wanted 1..12, got 13'),
-    (lambda text: text.replace('\n1,1,1,', '\n1,1,2,').replace('\n2,1,2,', '\n2,1,1,'), 'wanted a place within'),
-    (lambda text: text.replace('\n2,1,2,', '\n2,1,1,'), 'wanted each pair of table position and ball once')])
+    (lambda text: text.replace('# table_positions: 36\n', ''), 'expected "# table_positions: ...".*got none'),
+    (lambda text: text.replace('plate: plate', 'plate: other'), r'other.yaml: expected a plate file that can be read'),
+    (lambda text: text.replace('# plate', '# balls: 11\n# plate'), 'balls: expected 12, as the plate file'),
+    (lambda text: text.replace('plate: plate', 'plate: ../plate'), 'plate: expected the name of a file beside the '
+                                                                   'table'),
+    (lambda text: text.replace('plate: plate', 'plate: pipe'), 'plate: expected the name of a file beside the table'),
+    (lambda text: text.replace('\n1,1,1,', '\n1,1,13,'), r'column ball: expected 1..12, found 13'),
+    (lambda text: text.replace('\n1,1,1,', '\n1,1,2,').replace('\n2,1,2,', '\n2,1,1,'), 'expected a place within'),
+    (lambda text: text.replace('\n2,1,2,', '\n2,1,1,'), 'expected each pair of table position and ball once')])
 def test_tables_that_do_not_fit_their_plate_are_refused(tmp_path, edit, words):
     """With file, line and column."""
     _, _, path = simulated(tmp_path, MOVED)
@@ -194,17 +195,18 @@ def test_a_number_for_all_balls_or_one_for_each(tmp_path):
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('azimuth_deg: [0, 1, 2]\n', 'wanted a mapping with "schema: rosette-plate/1"'),
-    (SCHEMA + 'azimuth_deg: [0, 90]\nradius_mm: 100\n', 'azimuth_deg: wanted a list of 3 to 720 angles'),
-    (SCHEMA + 'azimuth_deg: [0, 90, x]\nradius_mm: 100\n', "azimuth_deg: ball 3: wanted a finite number, got 'x'"),
-    (SCHEMA + 'azimuth_deg: [0, 90, 180]\n', 'radius_mm: ball 1: wanted a finite number, got None'),
-    (SCHEMA + f'azimuth_deg: [0, 90, 180]\nradius_mm: 1{"0" * 400}\n', 'ball 1: wanted a finite number, got 1000'),
-    (SCHEMA + 'azimuth_deg: [0, 90, 180]\nradius_mm: [100, 90]\n', 'radius_mm: wanted a number, or one for each of 3'),
-    (SCHEMA + 'azimuth_deg: [0, 90, 180]\nradius_mm: -1\n', 'radius_mm: wanted positive numbers, got -1'),
-    (SCHEMA + 'azimuth_deg: [0, 90, 360]\nradius_mm: 100\n', 'got balls 1 and 3 at one'),
-    (SCHEMA + 'calibrated: 1\n', 'calibrated: wanted true or false, got 1'),
-    (SCHEMA + 'azimut_deg: [0]\n', "got 'azimut_deg'; did you mean 'azimuth_deg'"),
-    ('[1, 2]', 'wanted a mapping')])
+    ('azimuth_deg: [0, 1, 2]\n', 'expected a mapping with "schema: rosette-plate/1"'),
+    (SCHEMA + 'azimuth_deg: [0, 90]\nradius_mm: 100\n', 'azimuth_deg: expected a list of 3 to 720 angles'),
+    (SCHEMA + 'azimuth_deg: [0, 90, x]\nradius_mm: 100\n', "azimuth_deg: ball 3: expected a finite number, found 'x'"),
+    (SCHEMA + 'azimuth_deg: [0, 90, 180]\n', 'radius_mm: ball 1: expected a finite number, found None'),
+    (SCHEMA + f'azimuth_deg: [0, 90, 180]\nradius_mm: 1{"0" * 400}\n', 'ball 1: expected a finite number, found 1000'),
+    (SCHEMA + 'azimuth_deg: [0, 90, 180]\nradius_mm: [100, 90]\n', 'radius_mm: expected a number, or one for each '
+                                                                   'of 3'),
+    (SCHEMA + 'azimuth_deg: [0, 90, 180]\nradius_mm: -1\n', 'radius_mm: expected positive numbers, found -1'),
+    (SCHEMA + 'azimuth_deg: [0, 90, 360]\nradius_mm: 100\n', 'found balls 1 and 3 at one'),
+    (SCHEMA + 'calibrated: 1\n', 'calibrated: expected true or false, found 1'),
+    (SCHEMA + 'azimut_deg: [0]\n', "found 'azimut_deg'; did you mean 'azimuth_deg'"),
+    ('[1, 2]', 'expected a mapping')])
 def test_plates_that_are_none_are_refused(tmp_path, text, words):
     """In one line with the key."""
     path = tmp_path / 'plate.yaml'

@@ -168,7 +168,7 @@ def test_answers_that_do_not_fit_are_counted_and_not_used():
     assert known.unused() == {'failed': 1, 'to no target': 1, 'with another ball than asked': 1,
                               'without finite numbers': 1, 'in another frame than table': 0, 'repeated': 0}
     assert [one.seq for one, _ in known.counting()] == [2, 3, 4, 5]
-    with pytest.raises(InvalidData, match=r"here: wanted ball centres of run 'r', got none that counts \(1 failed, "
+    with pytest.raises(InvalidData, match=r"here: expected ball centres of run 'r', found none that counts \(1 failed, "
                        r'1 to no target, 1 with another ball than asked, 1 without finite numbers\)'):
         RunAssembly(collected(answers=bad), 'here').run()
 
@@ -259,17 +259,18 @@ def test_foreign_answers_take_bounded_memory_and_change_nothing(texts):
 
 @pytest.mark.parametrize(('known', 'words'), [
     (collected(), ''),
-    (collected(answers=ANSWERS[:4]), 'wanted 9 targets with answers, got 9 targets and answers to 4'),
-    (collected([one._replace(phase=2) for one in TARGETS]), 'wanted 9 targets with answers, got 9 targets'),
-    (collected(answers=[one._replace(frame_id='machine') for one in ANSWERS]), 'wanted the table frame on /tf_static'),
+    (collected(answers=ANSWERS[:4]), 'expected 9 targets with answers, found 9 targets and answers to 4'),
+    (collected([one._replace(phase=2) for one in TARGETS]), 'expected 9 targets with answers, found 9 targets'),
+    (collected(answers=[one._replace(frame_id='machine') for one in ANSWERS]), 'expected the table frame on '
+                                                                               '/tf_static'),
     (collected(answers=[one._replace(frame_id='machine') for one in ANSWERS],
                frames=[TableFrame(1 * S, Frame.identity())]), ''),
     (collected(answers=[one._replace(frame_id='machine') for one in ANSWERS],
-               frames=[TableFrame(S - 1, Frame.identity())]), 'got none for this run'),
+               frames=[TableFrame(S - 1, Frame.identity())]), 'found none for this run'),
 ])
 def test_what_is_lacking_is_said(known, words):
     """Answers, the run itself, or the frame that was found in it: an earlier one is that of another run."""
-    assert known.lacking(9).startswith(words) if words.startswith('wanted') else words in known.lacking(9)
+    assert known.lacking(9).startswith(words) if words.startswith('expected') else words in known.lacking(9)
     assert bool(known.lacking(9)) == bool(words)
 
 
@@ -350,7 +351,7 @@ def test_two_frames_during_an_alignment_are_refused():
     frames = [TableFrame(S // 5, other), TableFrame(S // 2 + 1, FRAME)]
     run = [one._replace(session=2) for one in TARGETS]
     assert RunAssembly(collected([*aligning, *run], answers, frames)).run().size == 9
-    with pytest.raises(InvalidData, match='here: wanted one table frame for run r, got 2 that differ; two cells'):
+    with pytest.raises(InvalidData, match='here: expected one table frame for run r, found 2 that differ; two cells'):
         RunAssembly(collected([aligning[0], *TARGETS], answers, frames), 'here').run()
     twice = [TableFrame(S // 5, FRAME), TableFrame(S // 2, FRAME)]
     assert RunAssembly(collected([aligning[0], *TARGETS], answers, twice)).run().size == 9
@@ -405,25 +406,25 @@ def test_only_transforms_of_the_table_in_the_machine_are_table_frames():
     assert (found.stamp_ns, found.frame.origin.tolist()) == (S + 5, [1, 2, 3])
     assert table_frame_of(transform(child='probe')) is None
     assert table_frame_of(transform(parent='table', child='machine')) is None
-    with pytest.raises(InvalidData, match=r'table frame: rotation: wanted a unit quaternion, got the size 2\.0'):
+    with pytest.raises(InvalidData, match=r'table frame: rotation: expected a unit quaternion, found the size 2\.0'):
         table_frame_of(transform(rotation=(0, 0, 0, 2)))
-    with pytest.raises(InvalidData, match='table frame: translation: wanted finite numbers'):
+    with pytest.raises(InvalidData, match='table frame: translation: expected finite numbers'):
         table_frame_of(transform(translation=(1, math.nan, 3)))
 
 
 @pytest.mark.parametrize(('asked', 'given', 'words'), [
     ({}, lambda one: one._replace(frame_id='tool'),
-     "here: wanted ball centres of run 'r', got none that counts \\(9 in another frame than machine or table\\)"),
+     "here: expected ball centres of run 'r', found none that counts \\(9 in another frame than machine or table\\)"),
     ({}, lambda one: one._replace(frame_id='machine'),
-     'here: wanted a transform from machine to table on /tf_static, got none'),
-    ({'balls': 4}, None, "here: run 'r': balls: wanted one value in all targets, got 3, 4"),
-    ({'radius': 0.2}, None, 'radius: wanted one value in all targets'),
-    ({}, lambda one: one._replace(run_id='s', seq=one.seq + 9), "here: wanted ball centres of run 'r', got none"),
+     'here: expected a transform from machine to table on /tf_static, found none'),
+    ({'balls': 4}, None, "here: run 'r': balls: expected one value in all targets, found 3, 4"),
+    ({'radius': 0.2}, None, 'radius: expected one value in all targets'),
+    ({}, lambda one: one._replace(run_id='s', seq=one.seq + 9), "here: expected ball centres of run 'r', found none"),
     ({}, lambda one: one._replace(centre=tuple(-x for x in one.centre)),
-     'here: ball centre with seq 1: wanted a place near '
-     r'\(100.000, 0.000, 0\) mm in the table frame for table position 1, ball 1, got \(-100, -0, -0'
+     'here: ball centre with seq 1: expected a place near '
+     r'\(100.000, 0.000, 0\) mm in the table frame for table position 1, ball 1, found \(-100, -0, -0'
      r'\); was another ball measured, or is the table frame wrong'),
-    ({}, lambda one: one._replace(centre=(1e300,) * 3), 'here: ball centre with seq 1: wanted a place'),
+    ({}, lambda one: one._replace(centre=(1e300,) * 3), 'here: ball centre with seq 1: expected a place'),
 ])
 def test_what_is_no_run_is_refused_with_words(asked, given, words):
     """Each says where, what was wanted, what came; asked: of the last target."""
@@ -434,7 +435,7 @@ def test_what_is_no_run_is_refused_with_words(asked, given, words):
 
 def test_too_many_balls_are_a_mistake():
     """Before memory is asked for."""
-    with pytest.raises(InvalidData, match='balls: wanted at most 10000, got 1000000000'):
+    with pytest.raises(InvalidData, match='balls: expected at most 10000, found 1000000000'):
         RunAssembly(collected([one._replace(balls=10**9) for one in TARGETS])).run()
 
 
@@ -444,11 +445,11 @@ def test_a_run_is_chosen_among_those_that_have_begun():
             for name, phase in (('b', 3), ('a', 3), ('c', 2))}
     assert LogRun(Path('here'), (), runs).run('a') is runs['a']
     assert LogRun(Path('here'), (), {'b': runs['b'], 'c': runs['c']}).run() is runs['b']
-    with pytest.raises(InvalidData, match='here: wanted one run, got 2: b, a; choose one by its run_id'):
+    with pytest.raises(InvalidData, match='here: expected one run, found 2: b, a; choose one by its run_id'):
         LogRun(Path('here'), (), runs).run()
-    with pytest.raises(InvalidData, match="here: wanted run 'c', got b, a$"):
+    with pytest.raises(InvalidData, match="here: expected run 'c', found b, a$"):
         LogRun(Path('here'), (), runs).run('c')
-    with pytest.raises(InvalidData, match='here: wanted probe targets of phase RUN, got none'):
+    with pytest.raises(InvalidData, match='here: expected probe targets of phase RUN, found none'):
         LogRun(Path('here'), (), {'c': runs['c']}).run()
 
 
@@ -475,7 +476,7 @@ def test_a_pause_is_marked_and_the_order_is_that_of_the_sessions():
 TURNED = 2 * np.pi * np.arange(9) / 3
 
 
-@pytest.mark.parametrize(('after', 'wanted'), [
+@pytest.mark.parametrize(('after', 'expected'), [
     (TURNED[5:] - TURNED[5] + 0.1, TURNED[5:]),  # the table counts from 0 again
     (TURNED[5:] + 2 * np.pi, TURNED[5:] + 2 * np.pi),  # it went on, and turned once more during the pause
 ])

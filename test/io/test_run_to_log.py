@@ -99,7 +99,7 @@ def test_run_longer_than_stamps_is_refused_with_words(library, tmp_path):
     """Seconds in a stamp end in 2038; nothing is wrapped around in silence."""
     run = make_run()
     run = run.replace(time=1e8 * run.time)
-    with pytest.raises(InvalidData, match='time: wanted a run of less than 2147483648 s, got'):
+    with pytest.raises(InvalidData, match='time: expected a run of less than 2147483648 s, found'):
         write_log(run, tmp_path / 'log', library)
 
 

@@ -15,7 +15,7 @@ from rosette_ros.simulation import load_machine
 IDENTITY = 'schema: rosette-identity/1\ntable: {serial: "12E4"}'
 
 
-@pytest.mark.parametrize(('text', 'wanted'), [
+@pytest.mark.parametrize(('text', 'expected'), [
     ('[0.35, 0.26, 0]', [0.35, 0.26, 0.0]), ('[1, 2.5]', [1.0, 2.5]), ('- 1\n- 2.0\n', [1.0, 2.0]), ('[1, 2]', [1, 2]),
     ('[true, 1.0]', [True, 1.0]), ('[1, 2.0, a]', [1, 2.0, 'a']),
     ('{a: [[0, 0.5], [1, 2]]}', {'a': [[0.0, 0.5], [1, 2]]})])
@@ -24,7 +24,7 @@ def test_whole_numbers_beside_floats_are_floats(text, wanted):
     assert repr(parse_yaml(text.encode(), 'x', InvalidConfig)) == repr(wanted)
 
 
-@pytest.mark.parametrize(('text', 'wanted'), [
+@pytest.mark.parametrize(('text', 'expected'), [
     ('13e-2', 0.13), ('2e1', 20.0), ('1e-6', 1e-6), ('-1.5E+3', -1500.0), ('.5e1', 5.0), ('5.e0', 5.0),
     ('1.0e-6', 1e-6), ('"2e1"', '2e1'), ('e1', 'e1'), ('2e', '2e'), ('1e5a', '1e5a'), ('0x1e5', 0x1e5), ('1e', '1e'),
     ('12', 12)])

@@ -81,7 +81,8 @@ def test_a_plan_file_says_where_position_1_is():
 @pytest.mark.parametrize('degrees', [STEP, -1.0, np.nan])
 def test_an_offset_is_less_than_a_step(degrees):
     """More of it is another position."""
-    with pytest.raises(InvalidPlan, match='table offset: wanted 0 to below 51.4286 deg, the step of 7 table positions'):
+    with pytest.raises(InvalidPlan, match='table offset: expected 0 to below 51.4286 deg, the step of 7 table '
+                                          'positions'):
         plan(N).shifted(degrees)
 
 
@@ -89,7 +90,8 @@ def test_an_offset_that_the_angles_deny_is_refused():
     """A heading of 20 deg over angles that begin at 0; which is wrong is not known."""
     run, *_ = cell().calibrate(plan(N, 'diagonal'), run_id='whole')
     text = format_csv(run).replace('# balls:', '# table_offset_deg: 20\n# balls:')
-    with pytest.raises(InvalidData, match=r'table_angle_deg: wanted about 20, as "# table_offset_deg: 20" says, got 0'):
+    with pytest.raises(InvalidData, match=r'table_angle_deg: expected about 20, as "# table_offset_deg: 20" says, '
+                                          r'found 0'):
         parse_csv(text.encode())
 
 
@@ -121,7 +123,7 @@ def test_targets_that_are_no_steps_of_one_table_are_refused():
     for index in range(made.alignments + 10, made.total - 1):
         target = made.target(index)._replace(run_id='mixed', stamp_ns=index)
         answers.add_target(target._replace(table_angle=target.table_angle + 0.1 * (index % 2)))
-    with pytest.raises(InvalidData, match='table_angle: wanted targets at steps of 360 deg / 4, got 1'):
+    with pytest.raises(InvalidData, match='table_angle: expected targets at steps of 360 deg / 4, found 1'):
         RunAssembly(answers, 'log')._table_offset(answers.targets)
 
 

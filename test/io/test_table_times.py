@@ -13,7 +13,7 @@ SEVEN = datetime(2026, 11, 27, 7, 0, 34, tzinfo=UTC).timestamp()
 
 def refused(row, wanted, advice):
     """Return the error of a cell, as a table makes it."""
-    return InvalidData(f'row {row}: wanted {wanted}; {advice}')
+    return InvalidData(f'row {row}: expected {wanted}; {advice}')
 
 
 @pytest.mark.parametrize('cells', [
@@ -50,12 +50,12 @@ def test_digits_are_clocks_where_they_cannot_be_seconds():
 
 
 @pytest.mark.parametrize(('cells', 'words'), [
-    (['03/04/2026 07:00:34', '03/04/2026 07:01:06'], 'row 0: wanted a date whose day and month are told apart'),
-    (['2026-11-27 07:00:34+01:00', '2026-11-27 07:01:06'], 'row 1: wanted a time with a zone, as in the rows before'),
-    (['2026-11-27 07:00:34', '2026-11-27 07:01:06Z'], 'row 1: wanted a time without a zone, as in the rows before'),
-    (['27-Nov-2026 07:00:34', 'soon'], 'row 1: wanted seconds, 2026-11-27 08:00:34, 27.11.2026'),
-    (['2026-11-31 07:00:34'], 'row 0: wanted seconds'), (['27.11.26 07:00:34'], 'row 0: wanted seconds'),
-    (['13:00 PM'], 'row 0: wanted seconds'), ([f'{"1 " * 40}07:00:34'], 'row 0: wanted seconds')])
+    (['03/04/2026 07:00:34', '03/04/2026 07:01:06'], 'row 0: expected a date whose day and month are told apart'),
+    (['2026-11-27 07:00:34+01:00', '2026-11-27 07:01:06'], 'row 1: expected a time with a zone, as in the rows before'),
+    (['2026-11-27 07:00:34', '2026-11-27 07:01:06Z'], 'row 1: expected a time without a zone, as in the rows before'),
+    (['27-Nov-2026 07:00:34', 'soon'], 'row 1: expected seconds, 2026-11-27 08:00:34, 27.11.2026'),
+    (['2026-11-31 07:00:34'], 'row 0: expected seconds'), (['27.11.26 07:00:34'], 'row 0: expected seconds'),
+    (['13:00 PM'], 'row 0: expected seconds'), ([f'{"1 " * 40}07:00:34'], 'row 0: expected seconds')])
 def test_what_cannot_be_told_is_named_with_what_is_read(cells, words):
     """No time is guessed."""
     with pytest.raises(InvalidData) as caught:

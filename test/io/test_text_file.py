@@ -106,7 +106,7 @@ def test_names_of_others(tmp_path, monkeypatch):
     shutil.copy(TABLE, name)
     write_text('report', f'of {name.name}')
     assert Path('report').read_text() == 'of a?.csv'
-    with pytest.raises(InvalidData, match='wanted a name in UTF-8, got another one; rename it'):
+    with pytest.raises(InvalidData, match='expected a name in UTF-8, found another one; rename it'):
         find_logs([str(tmp_path)])
 
 

@@ -148,13 +148,15 @@ def test_outlier_of_the_answer_is_seen_in_the_touches(tmp_path):
 def test_no_touches_is_said_in_one_line(tmp_path):
     """Of a log, of a table, of arrays that do not belong together."""
     folder = changed_log(tmp_path, lambda answer, touches: None)
-    with pytest.raises(InvalidData, match=r'log: wanted touches to fit the spheres again, got none of run touched; its '
+    with pytest.raises(InvalidData, match=r'log: expected touches to fit the spheres again, found none of run '
+                                          r'touched; its '
                        r'CMM publishes none \(topic touches\)$'):
         open_refitted(folder)
     assert refit_if_touched(folder) is None
     table = tmp_path / 'run.csv'
     write_csv(Machine(ideal_cell(plate={'balls': 4})).run(plan(4, 'row')), table)
-    with pytest.raises(InvalidData, match=r'run.csv: wanted touches to fit the spheres again, got none: a table holds '
+    with pytest.raises(InvalidData, match=r'run.csv: expected touches to fit the spheres again, found none: a table '
+                                          r'holds '
                        'ball centres only; give the log of the run$'):
         open_refitted(table)
     assert refit_if_touched(table) is None
@@ -166,8 +168,8 @@ def test_arrays_of_two_lengths_are_refused(tmp_path):
         touches.k = touches.k[:-1]
         return touches
 
-    with pytest.raises(InvalidData, match=r'log_0.mcap: topic /rosette/touches: message 1: wanted x, y, z, i, j, k, '
-                       'time of one length, got 20, 20, 20, 20, 20, 19, 20$'):
+    with pytest.raises(InvalidData, match=r'log_0.mcap: topic /rosette/touches: message 1: expected x, y, z, i, j, k, '
+                       'time of one length, found 20, 20, 20, 20, 20, 19, 20$'):
         read_touches(read_log(changed_log(tmp_path, shorten)))
 
 
@@ -177,5 +179,6 @@ def test_touches_that_determine_nothing_are_refused(tmp_path):
         touches.z = [0.5] * 20
         return touches
 
-    with pytest.raises(InvalidData, match='log: wanted touches that determine spheres, got 16 with touches in a plane'):
+    with pytest.raises(InvalidData, match='log: expected touches that determine spheres, found 16 with touches in a '
+                                          'plane'):
         open_refitted(changed_log(tmp_path, flatten))

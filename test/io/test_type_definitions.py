@@ -96,9 +96,9 @@ def test_bare_names_in_services_get_their_package(library):
 
 
 @pytest.mark.parametrize(('name', 'words'), [
-    ('std_msgs/Header', 'message type: wanted package/msg/Type.* got .std_msgs/Header.'),
-    ('../msg/Header', 'message type: wanted package/msg/Type'),
-    ('no_such_msgs/msg/Thing', r'no_such_msgs/msg/Thing: wanted its definition in '
+    ('std_msgs/Header', 'message type: expected package/msg/Type.* got .std_msgs/Header.'),
+    ('../msg/Header', 'message type: expected package/msg/Type'),
+    ('no_such_msgs/msg/Thing', r'no_such_msgs/msg/Thing: expected its definition in '
      r'share/no_such_msgs/msg/Thing.json, not found below .*; install the package'),
 ])
 def test_unknown_types_are_refused_with_words(library, name, words):
@@ -112,8 +112,8 @@ def test_damaged_description_is_refused_with_words(tmp_path):
     folder = tmp_path / 'share' / 'some_msgs' / 'msg'
     folder.mkdir(parents=True)
     (folder / 'Thing.json').write_text('{"type_hashes": []}')
-    with pytest.raises(InvalidConfig, match=r'Thing.json: wanted a type description with '
-                       r'type_description_msg and type_hashes, got something else'):
+    with pytest.raises(InvalidConfig, match=r'Thing.json: expected a type description with '
+                       r'type_description_msg and type_hashes, found something else'):
         TypeLibrary([tmp_path]).definition('some_msgs/msg/Thing')
 
 

@@ -73,7 +73,7 @@ def test_a_table_in_inches_under_names_of_mm_is_doubted_first(warming, capsys, t
         assert 'Causes' not in shown and 'averaged' not in shown
         assert 'Correct the unit, and evaluate again.' in shown and told['action'].endswith('evaluate again.')
         assert main(['certificate', str(one), '-o', str(tmp_path / 'c.xml')]) == 2
-        assert 'wanted readings whose unit is sure for a certificate, got: a circle' in capsys.readouterr().err
+        assert 'expected readings whose unit is sure for a certificate, found: a circle' in capsys.readouterr().err
     right = warming('mm.csv', 1.0, 31.0)
     text = right.read_text().replace('radius_mm: 182.5', 'radius_mm: 7.185')
     right.write_text(text)

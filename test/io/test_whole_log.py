@@ -27,7 +27,7 @@ def test_a_log_that_is_there_stays_whatever_comes(tmp_path):
     with LogWriter(tmp_path / 'log', 'log'):
         before = sorted(tmp_path.rglob('*'))
         with pytest.raises(InvalidData, match='holds'), whole_log(tmp_path / 'log', 'log'):
-            pytest.fail('wanted a refusal')
+            pytest.fail('expected a refusal')
         assert sorted(tmp_path.rglob('*')) == before
     (tmp_path / 'own').mkdir()
     (tmp_path / 'own' / 'notes.txt').write_text('mine')

@@ -97,7 +97,7 @@ class Peer:
     def _wait(condition, wanted):
         deadline = time.monotonic() + 60
         while not condition():
-            assert time.monotonic() < deadline, f'wanted {wanted} within 60 s'
+            assert time.monotonic() < deadline, f'expected {wanted} within 60 s'
             time.sleep(0.02)
 
     def stop(self):

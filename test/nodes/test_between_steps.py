@@ -54,7 +54,7 @@ def test_runs_at_half_pitches(domain_id, cell_of, make_peer, wait_until):
         machine = Machine(load_machine(cell.machine))
         first, half, planned = (client.calibrate(**goal) for goal in (
             {'order': 'diagonal'}, {'order': 'diagonal', 'table_offset': HALF}, {'plan': shifted}))
-        with pytest.raises(CellError, match=r'table offset: wanted 0 to below 60 deg, the step of 6 table positions'):
+        with pytest.raises(CellError, match=r'table offset: expected 0 to below 60 deg, the step of 6 table positions'):
             client.calibrate(table_offset=2 * HALF)
         found = jointly(domain_id, make_peer, wait_until, first.run_id, half.run_id)
     for outcome in (half, planned):

@@ -57,10 +57,10 @@ def test_runs_of_both_senses_give_the_reversal(domain_id, cell_of, make_peer, wa
 def test_runs_that_are_not_kept_are_told_at_the_end(domain_id, cell_of):
     """The run is measured and evaluated; names that are no names are refused before it begins."""
     with cell_of(N), CellClient(domain_id) as client:
-        with pytest.raises(CellError, match="joint_with: wanted names of finished runs, each once, got .'a', 'a'."):
+        with pytest.raises(CellError, match="joint_with: expected names of finished runs, each once, found .'a', 'a'."):
             client.calibrate(joint_with=['a', 'a'])
         done = client.calibrate(joint_with=['another'])
     assert done.success and done.error_motions is not None and not done.is_joint
     assert done.message.startswith(
-        f'error motions are published; jointly with another: run_id: wanted one of {done.run_id}')
+        f'error motions are published; jointly with another: run_id: expected one of {done.run_id}')
     assert joint_messages(done.log) == []

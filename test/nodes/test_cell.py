@@ -222,8 +222,8 @@ def test_start_calibration_answers_at_once_with_the_run_id(cell, module_domain_i
 
 
 @pytest.mark.parametrize(('order', 'options', 'words'), [
-    ('circle', '', "calibration refused: goal: order: wanted one of row, diagonal, column, random"),
-    ('', 'repeat: 3', "got 'repeat'; did you mean 'repeats'"),
+    ('circle', '', "calibration refused: goal: order: expected one of row, diagonal, column, random"),
+    ('', 'repeat: 3', "found 'repeat'; did you mean 'repeats'"),
 ])
 def test_wrong_goal_is_refused_in_words(cell, module_domain_id, order, options, words):
     """Nothing starts."""

@@ -170,9 +170,10 @@ def test_a_run_goes_on_until_it_is_known(cell, client, served, monkeypatch):
 
 
 @pytest.mark.parametrize(('goal', 'words'), [
-    ({'balls': 6}, 'table position 1, ball 1: wanted a plan of 3 balls, as the settings have (table.balls), got one of '
+    ({'balls': 6}, 'table position 1, ball 1: expected a plan of 3 balls, as the settings have (table.balls), found '
+                   'one of '
                    '6'),
-    ({'radius': 0.3}, 'wanted the ball within 20 mm of (532, 260, -300) mm, where the settings have it (table)'),
+    ({'radius': 0.3}, 'expected the ball within 20 mm of (532, 260, -300) mm, where the settings have it (table)'),
 ])
 def test_a_plan_that_cannot_be_measured(cell, client, served, goal, words):
     """Before the run begins, for all its balls: nothing moves, there is no log."""
@@ -320,12 +321,12 @@ def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until,
     commands.tool, commands.cmm.is_homed = 'RefTool', False
     success, words = trigger(client, names.RECOVER)
     assert not success
-    assert 'wanted a homed machine' in words
+    assert 'expected a homed machine' in words
     commands.cmm.is_homed = True
     assert trigger(client, names.RECOVER) == (
         True, 'errors are cleared, or the server is connected anew: the machine is ready')
     assert served.server.sessions == sessions + 2  # one for each time that a person has looked
-    wait_until(lambda: "wanted the tool 'Probe1' in use, got \"RefTool\"" in cell.processes[names.CMM].text())
+    wait_until(lambda: "expected the tool 'Probe1' in use, found \"RefTool\"" in cell.processes[names.CMM].text())
     assert served.when(MOVE, began) is None
     with served.slow(), CellClient(module_domain_id) as other:
         def insist():
@@ -417,9 +418,9 @@ def resumed(client, outcome):
 
 
 @pytest.mark.parametrize(('changes', 'words'), [
-    ({}, 'settings: wanted the path of a settings file (rosette-dme/1), got none'),
+    ({}, 'settings: expected the path of a settings file (rosette-dme/1), found none'),
     ({'path': {'stand_off_mm': 8.0, 'clearance_mm': 40.0, 'box_low_mm': [0, 0, 0], 'box_high_mm': [1, 1, 1]}},
-     'table position 1, ball 1: above the ball: wanted a tip within the box')])
+     'table position 1, ball 1: above the ball: expected a tip within the box')])
 def test_nodes_that_cannot_run(ros, tmp_path, changes, words, capfd):
     """No settings, or paths that are not safe: one line, exit code 2, nothing is connected."""
     path = tmp_path / 'dme.yaml'

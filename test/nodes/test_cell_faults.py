@@ -150,7 +150,7 @@ def test_what_the_plain_service_started_another_one_cancels(cell_and_cmm, client
     assert started
     assert trigger(client, 'cancel_calibration') == (True, run_id)
     wait_until(lambda: f'run {run_id}: cancelled' in cell.processes['sequencer'].text())
-    refused = (False, 'wanted a run to cancel, got none that is running')
+    refused = (False, 'expected a run to cancel, found none that is running')
     wait_until(lambda: trigger(client, 'cancel_calibration') == refused)
     wait_until(lambda: f'log of run {run_id}' in cell.processes['recorder'].text())
 
@@ -184,7 +184,7 @@ def test_faulty_cmm_is_asked_again_and_the_run_ends_well(cell_and_cmm, client):
     assert again >= {4, 12, 13, 14}
     assert len(again) <= 3 + late  # a computer that is busy may be late with others
     for words in ('no answer within 0.5 s; asking again', 'the CMM reports: door open',
-                  'wanted finite numbers', "not used: answer to run 'another'",
+                  'expected finite numbers', "not used: answer to run 'another'",
                   'not used: answer to seq 15, waiting for seq 16'):
         assert words in said
     log = read_log(outcome.log)
@@ -304,9 +304,9 @@ def test_a_run_whose_log_lacks_a_result_is_no_success(cell_of, domain_id, make_p
 def test_missing_parts_are_named_by_service_and_action(cell_of, domain_id, trigger):
     """A calibration does not start without a CMM, an evaluator and a recorder."""
     wanted = (
-        'no CMM: wanted one that subscribes to probe_target and publishes ball_centre, got none',
-        'no evaluator: wanted one that publishes error_motions, got none',
-        'no recorder: wanted its service recorder/start_recording, got none')
+        'no CMM: expected one that subscribes to probe_target and publishes ball_centre, found none',
+        'no evaluator: expected one that publishes error_motions, found none',
+        'no recorder: expected its service recorder/start_recording, found none')
     with cell_of(N, nodes=('sequencer',)) as cell, CellClient(domain_id) as client:
         with pytest.raises(CellError, match='calibration refused: no CMM') as refusal:
             client.calibrate(check=cell.check)
@@ -350,7 +350,7 @@ def test_too_little_room_is_refused_before_a_ball_is_measured(ros, tmp_path, mon
         response = node._on_start(StartRecording.Request(run_id='a'), StartRecording.Response())
         node.destroy_node()
     assert not response.success
-    assert 'wanted 20 MB of room for the log (least_free_mb), got 19.0 MB' in response.message
+    assert 'expected 20 MB of room for the log (least_free_mb), found 19.0 MB' in response.message
     assert list(tmp_path.iterdir()) == []
 
 

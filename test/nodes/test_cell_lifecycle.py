@@ -124,7 +124,7 @@ def test_a_busy_sequencer_is_not_deactivated(cell, client, integrator):
 
     assert client.calibrate(check=cell.check, on_progress=look).success
     assert refused == [False]
-    assert 'asked to deactivate: wanted no calibration running, got: ' in cell.processes['sequencer'].text()
+    assert 'asked to deactivate: expected no calibration running, found: ' in cell.processes['sequencer'].text()
     assert integrator.state == 'active'
 
 

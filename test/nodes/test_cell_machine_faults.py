@@ -49,9 +49,9 @@ def off_the_truth(outcome, faults):
 ASKED_AGAIN = {
     'silent': ('no answer within 0.4 s', {}), 'wrong_seq': ('not used: answer to seq', {}),
     'wrong_run': ("not used: answer to run 'another_run'", {}),
-    'not_a_number': ('wanted finite numbers', {}), 'infinite': ('wanted finite numbers', {}),
+    'not_a_number': ('expected finite numbers', {}), 'infinite': ('expected finite numbers', {}),
     'failed': ('the CMM reports: the stylus did not trigger', {}),
-    'wrong_ball': ('wanted table position, ball, CMM position', {}),
+    'wrong_ball': ('expected table position, ball, CMM position', {}),
     'neighbour': (' mm of the target', {}),
     'late': ('no answer within 0.4 s', {'late_s': 0.6}),
     'twice': ('not used: answer to seq', {}), 'again': ('not used: answer to seq', {}),

@@ -142,8 +142,8 @@ def test_a_second_cmm_is_refused_before_a_run(cell, client, stranger, wait_until
     """In words that name both; when it has gone, the cell calibrates again."""
     forger = Forger(stranger)
     forger.answer()
-    wait_until(lambda: 'wanted one in this domain' in cell.processes['sequencer'].text())
-    with pytest.raises(CellError, match=f'calibration refused: {TWO}: wanted one in this domain and namespace; is '
+    wait_until(lambda: 'expected one in this domain' in cell.processes['sequencer'].text())
+    with pytest.raises(CellError, match=f'calibration refused: {TWO}: expected one in this domain and namespace; is '
                                         'another cell running'):
         client.calibrate()
     said = len(cell.processes['sequencer'].text())
@@ -236,7 +236,8 @@ def test_a_second_node_of_a_role_ends_and_disturbs_nothing(cell, client, undistu
     _, said = seconds[0].communicate(timeout=300)
     where = f'process {cell.processes[name].popen.pid} on {socket.gethostname()}'
     assert (seconds[0].returncode, [line for line in said.splitlines() if not line.startswith('[')]) == (2, [
-        f'{name}: wanted no other {name} in the namespace /rosette of this domain, got {where}, which runs; end that '
+        f'{name}: expected no other {name} in the namespace /rosette of this domain, found {where}, which runs; end '
+        f'that '
         'one, or give this one a namespace or domain of its own'])
     assert outcome.success, outcome.message
     assert outcome.message == undisturbed.message and not is_held(told)
@@ -285,7 +286,7 @@ def test_a_cmm_without_status_follows_one_with_a_status(cell_of, domain_id, make
 def test_a_second_cell_does_not_start(cell, module_domain_id, tmp_path):
     """In words, and the first one does not notice."""
     said = len(cell.processes['sequencer'].text())
-    with pytest.raises(CellError, match=rf'cell: wanted no cell in domain {module_domain_id} and namespace /rosette, '
+    with pytest.raises(CellError, match=rf'cell: expected no cell in domain {module_domain_id} and namespace /rosette, '
                                         'found sequencer, cmm, evaluator, recorder; end that one, or give this one'):
         refuse_second_cell(Console(), Cell(module_domain_id, log_dir=tmp_path))
     assert cell.processes['sequencer'].text()[said:] == ''

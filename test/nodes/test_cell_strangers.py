@@ -132,7 +132,7 @@ def test_two_servers_of_a_service_are_refused_before_a_run(cell, client, strange
     servers = Servers(stranger, service)
     wait_until(lambda: f'2 nodes offer /rosette/{service}' in sequencer.text()[said:])
     with pytest.raises(CellError, match=f'calibration refused: 2 nodes offer /rosette/{service} '
-                       rf'\(/elsewhere/stranger and /rosette/{names.SERVERS[service]}\): wanted one'):
+                       rf'\(/elsewhere/stranger and /rosette/{names.SERVERS[service]}\): expected one'):
         client.calibrate()
     assert servers.asked == []
     servers.leave()
@@ -175,24 +175,28 @@ def test_a_second_evaluator_service_that_stays_ends_the_question(cell, client, s
     assert read_log(outcome.log).states[-1].phase == Phase.DONE
 
 
-def test_what_a_stranger_requests_of_the_recorder_changes_no_run(cell, client, stranger, undisturbed):
+def test_what_a_stranger_requests_of_the_recorder_changes_no_run(cell, client, stranger, undisturbed, wait_until):
     """Closed by a request that was repeated, the log lost the rest of the run; a log of its own stopped the next."""
     clients = {kind: stranger.node.create_client(kind, f'/rosette/{name}') for name, (kind, _) in FORGED.items()}
-    futures, answers = [], []
+    wait_until(lambda: all(one.service_is_ready() for one in clients.values()), 30)
+    answers = []
 
     def ask(told):
+        """Ask three times, and wait for the answers: they come while the run is measured."""
+        if len(answers) >= 3 * len(clients):
+            return
         run_id = told[-1].run_id
-        if not futures or futures[-1].done():
-            answers.extend(one.result() for one in futures)
-            futures[:] = [clients[kind].call_async(kind.Request(**fields)) for kind, fields in (
-                (StartRecording, {'run_id': 'other'}), (StopRecording, {'run_id': run_id}),
-                (Recorded, {'run_id': run_id}), (Recall, {'run': run_id}))]
+        futures = [clients[kind].call_async(kind.Request(**fields)) for kind, fields in (
+            (StartRecording, {'run_id': 'other'}), (StopRecording, {'run_id': run_id}),
+            (Recorded, {'run_id': run_id}), (Recall, {'run': run_id}))]
+        wait_until(lambda: all(one.done() for one in futures), 30)
+        answers.extend(one.result() for one in futures)
 
     outcome = run_with(client, cell, lambda _: None, ask, **UNTIL)
     assert outcome.success and outcome.message == undisturbed.message
     assert outcome.log.name == outcome.run_id and same_curves(outcome, undisturbed)
     refused = {one.message for one in answers if isinstance(one, StopRecording.Response)}
-    assert f'wanted to close the log of run {outcome.run_id} after its end, got that it is measured' in refused
+    assert f'expected to close the log of run {outcome.run_id} after its end, found that it is measured' in refused
     assert not [one for one in answers if isinstance(one, (StartRecording.Response, StopRecording.Response))
                 and one.success]
 

@@ -53,9 +53,10 @@ def test_an_axis_of_the_other_sense_is_told(cell, module_domain_id):
             request = SetParameters.Request(parameters=[Parameter('table.axis', value=axis).to_parameter_msg()])
             return client._await(service.call_async(request), 60.0, None).results[0]
 
-        assert 'table.axis: wanted a list of 3 numbers' in teach([0.0, 0.0, 0.0]).reason
+        assert 'table.axis: expected a list of 3 numbers' in teach([0.0, 0.0, 0.0]).reason
         assert teach([-1.0, 0.0, 0.0]).successful
         outcome = client.calibrate(check=cell.check)
     assert not outcome.success
-    assert ('wanted a pole on the free side of the plate, about along (1, 0, 0), got (-1, 0, 0); check the axis of the '
+    assert ('expected a pole on the free side of the plate, about along (1, 0, 0), found (-1, 0, 0); check the axis '
+            'of the '
             'table (table.axis)') in outcome.message

@@ -111,7 +111,7 @@ def completed(calibrate):
         except CellError as error:
             if 'lacks nothing' in str(error):
                 return None
-            assert 'wanted' in str(error) and time.monotonic() < deadline, error
+            assert 'expected' in str(error) and time.monotonic() < deadline, error
             time.sleep(0.2)
 
 
@@ -239,4 +239,4 @@ def test_a_goal_outside_the_limits_is_refused(cell, module_domain_id):
     """In one line, before anything is measured."""
     with CellClient(module_domain_id) as client, pytest.raises(CellError) as caught:
         client.calibrate(until_probability=0.4)
-    assert 'until.probability: wanted a number above 0.5 and below 1, or 0 for none, got 0.4' in str(caught.value)
+    assert 'until.probability: expected a number above 0.5 and below 1, or 0 for none, found 0.4' in str(caught.value)

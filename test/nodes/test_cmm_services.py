@@ -53,7 +53,7 @@ def test_recover_keeps_nothing_else_waiting(ros, silent_server, domain_id, make_
         assert time.monotonic() - began < 0.5 * ACK and not recovered.done()
         wait_until(recovered.done)
         assert time.monotonic() - began >= 0.9 * ACK
-        assert not recovered.result().success and 'wanted its Ack within 5 s' in recovered.result().message
+        assert not recovered.result().success and 'expected its Ack within 5 s' in recovered.result().message
         over.set()
         thread.join()
         node.finish()

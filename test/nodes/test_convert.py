@@ -65,7 +65,7 @@ def test_a_run_message_is_the_run():
     assert (empty.run_id, empty.targets) == ('none', [])
     broken = conversions.run_message(answers, [], STAMP)
     broken.answer_seq = broken.answer_seq[1:]
-    with pytest.raises(InvalidData, match='run run: wanted arrays of one length'):
+    with pytest.raises(InvalidData, match='run run: expected arrays of one length'):
         conversions.answers_of(broken)
 
 

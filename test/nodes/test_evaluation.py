@@ -56,14 +56,14 @@ def test_evaluation_is_that_of_offline(drifting):
 def test_the_last_four_runs_are_kept(drifting):
     """By name; none named is the last."""
     in_use = ModelInUse(Model())
-    with pytest.raises(InvalidData, match='wanted a run, got none yet: calibrate first'):
+    with pytest.raises(InvalidData, match='expected a run, found none yet: calibrate first'):
         in_use.run()
     for number in range(6):
         in_use.evaluate(drifting.replace(run_id=f'run_{number}'))
     in_use.evaluate(drifting.replace(run_id='run_3'))
     assert in_use.run().run_id == 'run_3'
     assert in_use.run('run_2').run_id == 'run_2'
-    with pytest.raises(InvalidData, match=r'run_id: wanted one of run_2, run_4, run_5, run_3 '):
+    with pytest.raises(InvalidData, match=r'run_id: expected one of run_2, run_4, run_5, run_3 '):
         in_use.run('run_1')
 
 
@@ -100,15 +100,15 @@ def test_an_effect_that_does_not_fit_can_be_removed(in_use):
 
 
 @pytest.mark.parametrize(('effect', 'definition', 'words'), [
-    ('frame_warmup', 'tau: [1, 2]', 'tau: wanted a positive number'),
-    ('frame_warmup', '- tau', 'definition: wanted a YAML mapping such as "tau: 600.0"'),
-    ('frame_warmup', 'tau: {', 'definition: wanted YAML, got text that is none'),
-    ('frame_warmup', 'a: &x 1\ntau: *x', 'definition: line 2: wanted plain YAML, got an alias'),
-    ('frame_warmup', 'name: frame_drift', "definition: name: wanted 'frame_warmup'"),
-    ('wave', '{own: ripple, direction: z, expression: t}', "effect: wanted 'ripple'"),
-    ('cmm_deviations', 'a: 1', 'model: cmm_deviations has no settings, got a; leave them out'),
-    ('noise.axes', 'a: 1', 'model: noise.axes has no settings, got a; leave them out'),
-    ('wave', '{own: wave, direction: z, expression: "().__class__"}', 'expression: wanted'),
+    ('frame_warmup', 'tau: [1, 2]', 'tau: expected a positive number'),
+    ('frame_warmup', '- tau', 'definition: expected a YAML mapping such as "tau: 600.0"'),
+    ('frame_warmup', 'tau: {', 'definition: expected YAML, found text that is none'),
+    ('frame_warmup', 'a: &x 1\ntau: *x', 'definition: line 2: expected plain YAML, found an alias'),
+    ('frame_warmup', 'name: frame_drift', "definition: name: expected 'frame_warmup'"),
+    ('wave', '{own: ripple, direction: z, expression: t}', "effect: expected 'ripple'"),
+    ('cmm_deviations', 'a: 1', 'model: cmm_deviations has no settings, found a; leave them out'),
+    ('noise.axes', 'a: 1', 'model: noise.axes has no settings, found a; leave them out'),
+    ('wave', '{own: wave, direction: z, expression: "().__class__"}', 'expression: expected'),
 ])
 def test_definitions_are_refused_in_words(effect, definition, words):
     """They come over the wire from anyone."""
@@ -131,11 +131,11 @@ def test_the_fields_of_a_request_are_an_entry_of_a_model_file(fields, entry):
 
 
 @pytest.mark.parametrize(('fields', 'words'), [
-    ({'definition': 'tau: 1.0', 'direction': 'z'}, 'definition: wanted it empty, or no direction beside it'),
+    ({'definition': 'tau: 1.0', 'direction': 'z'}, 'definition: expected it empty, or no direction beside it'),
     ({'settings': [Parameter('tau', value=1.0)], 'expression': 't'},
-     r"settings: wanted none for a user's own term \(expression\), got tau"),
+     r"settings: expected none for a user's own term \(expression\), found tau"),
     ({'settings': [Parameter('tau', value=1.0), Parameter('tau', value=2.0)]},
-     'settings: wanted each once, got tau, tau'),
+     'settings: expected each once, found tau, tau'),
 ])
 def test_fields_that_contradict_are_refused(fields, words):
     """In words."""

@@ -57,7 +57,7 @@ def ask(cell, module_domain_id, make_peer):
         future = clients[name].call_async(TYPES[name].Request(**request))
         deadline = time.monotonic() + 60.0
         while not future.done():
-            assert time.monotonic() < deadline, f'wanted an answer of {name} within 60 s'
+            assert time.monotonic() < deadline, f'expected an answer of {name} within 60 s'
             time.sleep(0.02)
         return future.result()
 
@@ -101,7 +101,7 @@ def messages_of(log, topic):
 def test_without_a_run_there_is_no_answer(unasked, name):
     """In words."""
     assert not unasked[name].success
-    assert unasked[name].message == 'wanted a run, got none yet: calibrate first'
+    assert unasked[name].message == 'expected a run, found none yet: calibrate first'
 
 
 def test_the_log_of_a_run_holds_its_diagnosis(calibrated):
@@ -139,10 +139,10 @@ def test_a_joint_evaluation_is_answered_and_published(calibrated, ask, wait_unti
     wait_until(lambda: ask.heard['joint_evaluation'])
     refused = [ask('evaluate_jointly', **request).message for request in (
         {'table': ['a', 'b']}, {'seat': 'flat'}, {'run_ids': ['another']}, {'run_ids': [calibrated.run_id] * 2})]
-    assert refused[0] == 'table: wanted a name for each of 1 runs, or none, got 2'
-    assert refused[1] == "seat: wanted one of free, plane, pilot, both, or nothing, got 'flat'"
-    assert refused[2].startswith(f'run_id: wanted one of {calibrated.run_id}')
-    assert 'wanted different runs, got the same ball centres in both' in refused[3]
+    assert refused[0] == 'table: expected a name for each of 1 runs, or none, found 2'
+    assert refused[1] == "seat: expected one of free, plane, pilot, both, or nothing, found 'flat'"
+    assert refused[2].startswith(f'run_id: expected one of {calibrated.run_id}')
+    assert 'expected different runs, found the same ball centres in both' in refused[3]
 
 
 def test_next_readings_are_those_of_the_log(calibrated, ask):
@@ -158,7 +158,7 @@ def test_next_readings_are_those_of_the_log(calibrated, ask):
     enough = ask('next_readings', until_uncertainty=1.0)
     assert enough.settled and enough.block == Block()
     assert ask('next_readings', readings_hash='other').message.startswith(
-        f"run {calibrated.run_id}: wanted readings with the hash 'other', got '")
+        f"run {calibrated.run_id}: expected readings with the hash 'other', found '")
 
 
 def test_diagnose_answers_as_the_log_says(answers, calibrated):
@@ -190,7 +190,7 @@ def test_adding_the_effect_changes_model_and_curves(answers, calibrated):
 
 @pytest.mark.parametrize(('place', 'words'), [
     (3, 'table_backlash cannot be seen in this order of measurement'),
-    (6, "run_id: wanted one of rosette_"),
+    (6, "run_id: expected one of rosette_"),
 ])
 def test_what_cannot_be_is_refused_in_words(answers, place, words):
     """And nothing changes."""
@@ -216,12 +216,13 @@ def test_every_change_is_published(answers, ask, wait_until):
     assert len(ask.heard['model']) >= 1 + 3  # and the one of the start, if it was heard
 
 
-@pytest.mark.parametrize(('wanted', 'words'), [
-    ({'until_probability': float('nan')}, 'until.probability: wanted a number in 0 .. 1 '),
-    ({'until_probability': -5.0}, 'until.probability: wanted a number in 0 .. 1 '),
-    ({'until_probability': 0.3}, 'until.probability: wanted a number above 0.5 and below 1, or 0 for none, got 0.3'),
-    ({'until_uncertainty': float('nan')}, 'until.uncertainty_m: wanted a number in 0 .. 1 '),
-    ({'until_probability': 0.95, 'until_uncertainty': -1.0}, 'until.uncertainty_m: wanted a number in 0 .. 1 ')])
+@pytest.mark.parametrize(('expected', 'words'), [
+    ({'until_probability': float('nan')}, 'until.probability: expected a number in 0 .. 1 '),
+    ({'until_probability': -5.0}, 'until.probability: expected a number in 0 .. 1 '),
+    ({'until_probability': 0.3}, 'until.probability: expected a number above 0.5 and below 1, or 0 for none, found '
+                                 '0.3'),
+    ({'until_uncertainty': float('nan')}, 'until.uncertainty_m: expected a number in 0 .. 1 '),
+    ({'until_probability': 0.95, 'until_uncertainty': -1.0}, 'until.uncertainty_m: expected a number in 0 .. 1 ')])
 def test_next_readings_of_no_probability_are_refused(calibrated, ask, wanted, words):
     """By the service itself, whoever asks: a probability of nan was settled."""
     answer = ask('next_readings', run_id=calibrated.run_id, **wanted)

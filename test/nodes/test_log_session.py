@@ -67,7 +67,7 @@ def test_second_log_while_one_is_open_is_refused(tmp_path):
     """In words, and the open one goes on."""
     session = make_session()
     session.open(tmp_path / 'a', 'a', 0.0, 1)
-    with pytest.raises(CellError, match='the log of run a is open; wanted it closed first'):
+    with pytest.raises(CellError, match='the log of run a is open; expected it closed first'):
         session.open(tmp_path / 'b', 'b', 0.0, 1)
     session.take(message('/run', 7))
     session.close()

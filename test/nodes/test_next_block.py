@@ -94,9 +94,10 @@ def test_a_cmm_that_refuses_every_block_ends_it():
 
 
 @pytest.mark.parametrize('response, heard', [
-    ({'success': False, 'message': 'wanted a run, got none yet'}, 'wanted a run, got none yet'),
-    ({'block': Block(table_position=[4], ball=[1], approach=[1], wait=[0.0])}, 'readings that are added: wanted table'),
-    ({'block': Block(table_position=[1], ball=[1, 2], approach=[1], wait=[0.0])}, 'readings that are added: wanted')])
+    ({'success': False, 'message': 'expected a run, found none yet'}, 'expected a run, found none yet'),
+    ({'block': Block(table_position=[4], ball=[1], approach=[1], wait=[0.0])}, 'readings that are added: expected '
+                                                                               'table'),
+    ({'block': Block(table_position=[1], ball=[1, 2], approach=[1], wait=[0.0])}, 'readings that are added: expected')])
 def test_an_answer_that_is_none(response, heard):
     """The sequence decides what becomes of it."""
     rig = Rig(**response)
@@ -133,7 +134,7 @@ def test_an_answer_for_a_run_that_is_over_is_none_for_the_next():
 def test_an_evaluator_that_does_not_offer_it_is_refused_before_the_run():
     """In words; a run that does not go on needs none."""
     rig = Rig()
-    with pytest.raises(CellError, match='until: wanted an evaluator with the service evaluator/next_readings'):
+    with pytest.raises(CellError, match='until: expected an evaluator with the service evaluator/next_readings'):
         rig.block.refuse_none(rig.sequence)
     rig.sequence.until = None
     rig.block.refuse_none(rig.sequence)

@@ -60,13 +60,13 @@ def test_defaults_and_overrides(example):
 
 
 @pytest.mark.parametrize(('setting', 'words'), [
-    ('plate.balls:=2', r'node example: parameter: plate.balls: wanted a whole number in 3 \.\. 1000'
-                       r' \(number of balls\), got 2'),
-    ('plate.balls:=twelve', "got 'twelve'"),
-    ('plate.radius_m:=.nan', r'wanted a number in 0\.001 \.\. 10 .* got nan'),
-    ('order:=circle', "order: wanted one of row, column .* got 'circle'"),
-    ('origin:=[1.0, 2.0]', 'wanted a list of 3 numbers'),
-    ('plate.bals:=6', "node example: parameter: wanted one of .*, got 'plate.bals'; did you mean 'plate.balls'"),
+    ('plate.balls:=2', r'node example: parameter: plate.balls: expected a whole number in 3 \.\. 1000'
+                       r' \(number of balls\), found 2'),
+    ('plate.balls:=twelve', "found 'twelve'"),
+    ('plate.radius_m:=.nan', r'expected a number in 0\.001 \.\. 10 .* got nan'),
+    ('order:=circle', "order: expected one of row, column .* got 'circle'"),
+    ('origin:=[1.0, 2.0]', 'expected a list of 3 numbers'),
+    ('plate.bals:=6', "node example: parameter: expected one of .*, found 'plate.bals'; did you mean 'plate.balls'"),
 ])
 def test_wrong_override_is_refused_in_words(example, setting, words):
     """The node does not start."""
@@ -76,8 +76,8 @@ def test_wrong_override_is_refused_in_words(example, setting, words):
 
 @pytest.mark.parametrize(('name', 'value', 'words'), [
     ('plate.balls', 2, 'plate.balls out of range. Min: 3, Max: 1000, value: 2'),
-    ('order', 'circle', 'wanted one of row, column'),
-    ('origin', [0.0, 0.0, 5.0], 'wanted a list of 3 numbers in -1'),
+    ('order', 'circle', 'expected one of row, column'),
+    ('origin', [0.0, 0.0, 5.0], 'expected a list of 3 numbers in -1'),
     ('machine', 'other.yaml', 'read-only'),
     ('plate.balls', 'many', "expected 'Type.INTEGER' got 'Type.STRING'"),
 ])

@@ -27,8 +27,8 @@ def test_a_run_means_its_last_part(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(('name', 'words'), [
     ('run_part2', 'run_part2 was continued already; resume run_part3'),
-    ('nothing', "got none named 'nothing'"), ('run_part9', "got none named 'run_part9'"),
-    ('/elsewhere/run', "got '/elsewhere/run'; copy it there"), ('../run', "got '../run'; copy it there")])
+    ('nothing', "found none named 'nothing'"), ('run_part9', "found none named 'run_part9'"),
+    ('/elsewhere/run', "found '/elsewhere/run'; copy it there"), ('../run', "found '../run'; copy it there")])
 def test_what_is_no_log_to_go_on_from_is_refused(tmp_path, name, words):
     """In words; nothing outside the recorder's folder is read."""
     for part in ('run', 'run_part2', 'run_part3'):

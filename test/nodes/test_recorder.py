@@ -118,7 +118,7 @@ def test_a_sequencer_that_is_restarted_while_a_log_is_open(recorder, tmp_path, m
     recorder.wake()
     response = stop(recorder, 'run')
     assert not response.success
-    assert response.message.startswith('wanted to close the log of run run, got no log open; run run: ')
+    assert response.message.startswith('expected to close the log of run run, found no log open; run run: ')
     assert not read_log(tmp_path / 'run').truncated
 
 
@@ -377,4 +377,4 @@ def test_a_folder_that_cannot_be_looked_at_is_told(ros, tmp_path):
         recorder = Recorder()
         answer = start(recorder, 'a')
         recorder.destroy_node()
-    assert not answer.success and 'wanted a folder for the log, got: File name too long' in answer.message
+    assert not answer.success and 'expected a folder for the log, found: File name too long' in answer.message

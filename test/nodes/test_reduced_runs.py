@@ -53,9 +53,9 @@ def test_curves_of_a_reduced_run(client, goal, readings, balls, positions):
 
 
 @pytest.mark.parametrize('goal, words', [
-    ({'cmm_positions': '3'}, '3 of 6 CMM positions or balls do not determine the curves; wanted at least 4'),
-    ({'cmm_positions': 'most'}, 'wanted how many (6), a share (50 %), fewest or which (1, 5, 7, 10)'),
-    ({'balls_in_use': '1, 7, 2, 3'}, 'balls in use: wanted different ones of 1..6')])
+    ({'cmm_positions': '3'}, '3 of 6 CMM positions or balls do not determine the curves; expected at least 4'),
+    ({'cmm_positions': 'most'}, 'expected how many (6), a share (50 %), fewest or which (1, 5, 7, 10)'),
+    ({'balls_in_use': '1, 7, 2, 3'}, 'balls in use: expected different ones of 1..6')])
 def test_what_determines_nothing_is_refused_before_it_is_measured(client, goal, words):
     """The goal is refused in words."""
     with pytest.raises(CellError) as caught:
@@ -83,9 +83,9 @@ def test_a_plan_file_with_a_pause(client):
 
 def test_plans_that_contradict_themselves_are_refused(client):
     """In one line, before anything is measured."""
-    with pytest.raises(CellError, match='plan: does not determine the curves: wanted at least 3 different balls '):
+    with pytest.raises(CellError, match='plan: does not determine the curves: expected at least 3 different balls '):
         client.calibrate(plan='# schema: rosette-plan/1\n# balls: 6\n# radius_mm: 182.5\ntable_position,ball\n1,1\n')
-    with pytest.raises(CellError, match='goal: plan: wanted the lines of a file, got .no_such_plan.csv'):
+    with pytest.raises(CellError, match='goal: plan: expected the lines of a file, found .no_such_plan.csv'):
         client.calibrate(plan='no_such_plan.csv')
 
 
@@ -102,7 +102,7 @@ def test_a_plate_of_another_pitch(client):
     assert any('rosette-plate/1' in event.settings for event in log.events)
     away = np.abs(outcome.error_motions.values - remove_gauge(client.machine.table_truth()))
     assert away[:, :3].max() < 1e-9 and away[:, 3:].max() < 1e-8
-    with pytest.raises(CellError, match='ball 2: wanted it within 1 mm of a multiple of 60 deg, the step of 6 table'):
+    with pytest.raises(CellError, match='ball 2: expected it within 1 mm of a multiple of 60 deg, the step of 6 table'):
         client.calibrate(plate=PLATE.replace('60', '50'), balls=N)
 
 

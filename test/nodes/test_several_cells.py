@@ -180,7 +180,7 @@ def test_calibrate_takes_the_namespace(neighbours, calibrated, module_domain_id,
     assert main([*words, '/cell2']) == 0
     assert f'Log: {neighbours[1].cell.log_dir}' in capsys.readouterr().out.replace('\n', '')
     assert main([*words, 'cell 2']) == 2
-    assert 'wanted a namespace such as cell2' in capsys.readouterr().err
+    assert 'expected a namespace such as cell2' in capsys.readouterr().err
 
 
 def test_rosette_cell_takes_the_namespace(domain_id, tmp_path, wait_until):

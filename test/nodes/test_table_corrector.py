@@ -103,13 +103,13 @@ def test_a_point_is_corrected(peer, correction, wait_until):
         assert answer.success
         wanted = correction.point(1.2, [0.2, -0.1, 0.03], sense or 1)
         assert (answer.corrected.x, answer.corrected.y, answer.corrected.z) == tuple(wanted)
-    assert ask(angle=float('nan')).message == 'wanted a finite angle and point, got nan rad and (0.2, -0.1, 0.03)'
+    assert ask(angle=float('nan')).message == 'expected a finite angle and point, found nan rad and (0.2, -0.1, 0.03)'
 
 
 @pytest.mark.parametrize(('parameters', 'words'), [
-    ({}, 'correction: wanted a correction file (rosette correct RUN --for ros), got none'),
-    ({'correction': '/nowhere'}, '/nowhere: wanted a correction file that can be read, got No such file'),
-    ({'sign': 0}, 'sign: wanted 1 or -1, got 0')])
+    ({}, 'correction: expected a correction file (rosette correct RUN --for ros), found none'),
+    ({'correction': '/nowhere'}, '/nowhere: expected a correction file that can be read, found No such file'),
+    ({'sign': 0}, 'sign: expected 1 or -1, found 0')])
 def test_what_it_cannot_run_with_is_refused(module_domain_id, file, parameters, words):
     """In one line; it ends with 2."""
     given = {'correction': str(file), **parameters} if parameters else {}

@@ -15,9 +15,9 @@ pytestmark = pytest.mark.long
 
 @pytest.mark.parametrize(('module', 'args', 'words'), [
     ('sequencer', ['-p', 'plate.balls:=2'],
-     'sequencer: node sequencer: parameter: plate.balls: wanted a whole number in 3 .. 1000'),
+     'sequencer: node sequencer: parameter: plate.balls: expected a whole number in 3 .. 1000'),
     ('simulated_cmm', ['-p', 'machine:=/nowhere/machine.yaml'], '/nowhere/machine.yaml'),
-    ('recorder', ['-p', 'logdir:=x'], "got 'logdir'; did you mean 'log_dir'?"),
+    ('recorder', ['-p', 'logdir:=x'], "found 'logdir'; did you mean 'log_dir'?"),
     ('recorder', ['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
 ])
 def test_wrong_start_is_one_line_and_exit_code_2(domain_id, module, args, words):
@@ -33,7 +33,8 @@ def test_wrong_start_is_one_line_and_exit_code_2(domain_id, module, args, words)
 
 
 @pytest.mark.parametrize(('section', 'words'), [
-    ('sequencer', "section 'sequencer': wanted the name of a node in the namespace /rosette, got one that belongs to "
+    ('sequencer', "section 'sequencer': expected the name of a node in the namespace /rosette, found one that belongs "
+                  "to "
                   'none; did you mean /**/sequencer?'),
     ('/**/sequenser', 'did you mean /**/sequencer?'),
     ('/cell2/evaluator', 'did you mean /**/evaluator?'),

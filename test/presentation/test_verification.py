@@ -115,33 +115,34 @@ def test_the_page_states_the_numbers_beside_those_of_the_paper():
 def test_another_number_of_runs(count):
     """Says what is wanted."""
     runs = [*pairs(), *pairs()][:count]
-    with pytest.raises(InvalidData, match=f'wanted four runs or six, got {count}: \\(i\\) all corrected'):
+    with pytest.raises(InvalidData, match=f'expected four runs or six, found {count}: \\(i\\) all corrected'):
         verify(runs)
 
 
 def test_runs_of_different_plates():
     """Names both files."""
     other = analyse(Machine(MachineConfig().changed(plate={'balls': 6})).run(plan(6, 'diagonal')))
-    with pytest.raises(InvalidData, match=r'six\.csv: wanted 8 balls on R = 182\.5 mm as in 1\.csv, got 6 on'):
+    with pytest.raises(InvalidData, match=r'six\.csv: expected 8 balls on R = 182\.5 mm as in 1\.csv, found 6 on'):
         verify([*pairs()[:3], (other, Source('six.csv', ()))])
 
 
 def test_runs_at_other_table_angles():
     """Names both files, also where plates and numbers are alike."""
     between = analyse(Machine(MachineConfig().changed(plate={'balls': 8})).run(plan(8, 'diagonal').shifted(22.5)))
-    with pytest.raises(InvalidData, match=r'half\.csv: wanted table angles from 0 deg on as in 1\.csv, got them from '
+    with pytest.raises(InvalidData, match=r'half\.csv: expected table angles from 0 deg on as in 1\.csv, found them '
+                                          r'from '
                                           r'22\.5 deg on; take runs at the same angles'):
         verify([*pairs()[:3], (between, Source('half.csv', ()))])
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('', r"row 1: wanted the columns table_angle_deg,ctz_um,crz_urad, got 'an empty file'"),
-    ('a,b\n', "row 1: wanted the columns .*, got 'a,b'"),
-    ('table_angle_deg,ctz_um,crz_urad\n0,1,2\n30,x,2\n', "row 3: wanted 3 finite numbers, got '30,x,2'"),
-    ('table_angle_deg,ctz_um,crz_urad\n0,1,nan\n', "row 2: wanted 3 finite numbers, got '0,1,nan'"),
-    ('table_angle_deg,ctz_um,crz_urad\n0,1\n', "row 2: wanted 3 finite numbers, got '0,1'"),
-    ('table_angle_deg,ctz_um,crz_urad\n0,1,2\n', 'wanted at least 3 rows of corrections, got 1'),
-    (b'\xff\xfe\x00', "wanted a readable table of the maker's corrections"),
+    ('', r"row 1: expected the columns table_angle_deg,ctz_um,crz_urad, found 'an empty file'"),
+    ('a,b\n', "row 1: expected the columns .*, found 'a,b'"),
+    ('table_angle_deg,ctz_um,crz_urad\n0,1,2\n30,x,2\n', "row 3: expected 3 finite numbers, found '30,x,2'"),
+    ('table_angle_deg,ctz_um,crz_urad\n0,1,nan\n', "row 2: expected 3 finite numbers, found '0,1,nan'"),
+    ('table_angle_deg,ctz_um,crz_urad\n0,1\n', "row 2: expected 3 finite numbers, found '0,1'"),
+    ('table_angle_deg,ctz_um,crz_urad\n0,1,2\n', 'expected at least 3 rows of corrections, found 1'),
+    (b'\xff\xfe\x00', "expected a readable table of the maker's corrections"),
 ])
 def test_a_maker_table_that_is_none(tmp_path, text, words):
     """Names file and row."""

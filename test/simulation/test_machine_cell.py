@@ -323,13 +323,13 @@ def test_temperature_is_what_the_thermometer_shows():
 def test_wrong_targets_are_refused_in_words():
     """Indices out of range, a plate of another size and a lost ball are reported, nothing moves."""
     machine = Machine(MachineConfig())
-    with pytest.raises(InvalidPlan, match=r'^table position: wanted 1..12, got 13$'):
+    with pytest.raises(InvalidPlan, match=r'^table position: expected 1..12, found 13$'):
         machine.measure(13, 1)
-    with pytest.raises(InvalidPlan, match=r'^ball: wanted 1..12, got 0$'):
+    with pytest.raises(InvalidPlan, match=r'^ball: expected 1..12, found 0$'):
         machine.measure(1, 0)
-    with pytest.raises(InvalidPlan, match=r'wanted one for the 12 balls of this plate, got .* 6'):
+    with pytest.raises(InvalidPlan, match=r'expected one for the 12 balls of this plate, found .* 6'):
         machine.run(plan(6))
-    with pytest.raises(BallNotFound, match=r'table position 1, ball 4: wanted a ball within 5 mm '
+    with pytest.raises(BallNotFound, match=r'table position 1, ball 4: expected a ball within 5 mm '
                                            r'of the aim, its centre is .* mm away; check the'):
         machine.measure(1, 4, aim=[0, 0, 0])
     assert machine.time == 0

@@ -31,39 +31,39 @@ def test_shipped_file_holds_every_default():
 
 
 @pytest.mark.parametrize(('values', 'words'), [
-    ({'plate': {'bals': 3}}, r"plate.bals: wanted 'balls', got 'bals'"),
-    ({'colour': 3}, r"colour: wanted one of .*clamping.*, got 'colour'"),
-    ({'plate': {'balls': '12'}}, r"plate.balls: wanted a whole number, got '12'"),
-    ({'plate': {'balls': 2}}, r'plate.balls: wanted greater than or equal to 3, got 2'),
-    ({'plate': 3}, r'plate: wanted a mapping of settings, got 3'),
+    ({'plate': {'bals': 3}}, r"plate.bals: expected 'balls', found 'bals'"),
+    ({'colour': 3}, r"colour: expected one of .*clamping.*, found 'colour'"),
+    ({'plate': {'balls': '12'}}, r"plate.balls: expected a whole number, found '12'"),
+    ({'plate': {'balls': 2}}, r'plate.balls: expected greater than or equal to 3, found 2'),
+    ({'plate': 3}, r'plate: expected a mapping of settings, found 3'),
     ({'probing': {'repeatability_um': float('nan')}},
-     r'probing.repeatability_um: wanted a finite number, got nan'),
-    ({'probing': {'repeatability_um': -1}}, r'wanted greater than or equal to 0, got -1'),
-    ({'cmm': {'correction': 1}}, r'cmm.correction: wanted true or false, got 1'),
+     r'probing.repeatability_um: expected a finite number, found nan'),
+    ({'probing': {'repeatability_um': -1}}, r'expected greater than or equal to 0, found -1'),
+    ({'cmm': {'correction': 1}}, r'cmm.correction: expected true or false, found 1'),
     ({'placement': {'origin_mm': [1, 'a', 3]}},
-     r"placement.origin_mm.2: wanted a number, got 'a'"),
+     r"placement.origin_mm.2: expected a number, found 'a'"),
     ({'clamping': {'plate_turn_deg': 10.0}},
-     r'clamping.plate_turn_deg: wanted a multiple of 30 deg \(one ball pitch\), got 10'),
-    ({'probing': {'below_pole_mm': 9.0}}, r'wanted circles on the ball, less than .* = 7.5'),
-    ({'hidden': 3}, r'hidden: wanted a list, got 3'),
-    ({'hidden': [3]}, r'hidden.1: wanted a mapping with a `kind`, got 3'),
-    ({'hidden': [{'x': 1}]}, r"hidden.1: wanted an effect with its `kind`, got \{'x': 1\}"),
+     r'clamping.plate_turn_deg: expected a multiple of 30 deg \(one ball pitch\), found 10'),
+    ({'probing': {'below_pole_mm': 9.0}}, r'expected circles on the ball, less than .* = 7.5'),
+    ({'hidden': 3}, r'hidden: expected a list, found 3'),
+    ({'hidden': [3]}, r'hidden.1: expected a mapping with a `kind`, found 3'),
+    ({'hidden': [{'x': 1}]}, r"hidden.1: expected an effect with its `kind`, found \{'x': 1\}"),
     ({'hidden': [DRIFT, {'kind': 'drift'}]},
-     r"hidden.2: wanted kind: one of 'frame_drift', .*, got 'drift'"),
+     r"hidden.2: expected kind: one of 'frame_drift', .*, found 'drift'"),
     ({'hidden': [{'kind': 'frame_drift', 'rate': 3}]},
-     r"hidden.1.rate: wanted one of kind, rate_um_per_h, got 'rate' \(and 1 more\)"),
+     r"hidden.1.rate: expected one of kind, rate_um_per_h, found 'rate' \(and 1 more\)"),
     ({'hidden': [{'kind': 'frame_drift'}]},
-     r'hidden.1.rate_um_per_h: wanted a value, got nothing'),
+     r'hidden.1.rate_um_per_h: expected a value, found nothing'),
     ({'hidden': [{'kind': 'ball_slip', 'ball': 13, 'shift_um': [1, 2, 3], 'at_h': 1}]},
-     r'hidden.1.ball: wanted 1..12, got 13'),
-    ({'hidden': {'seed': -1}}, r'hidden.seed: wanted greater than or equal to 0, got -1'),
-    ({'hidden': {'sed': 1}}, r"hidden.sed: wanted 'seed', got 'sed'"),
+     r'hidden.1.ball: expected 1..12, found 13'),
+    ({'hidden': {'seed': -1}}, r'hidden.seed: expected greater than or equal to 0, found -1'),
+    ({'hidden': {'sed': 1}}, r"hidden.sed: expected 'seed', found 'sed'"),
     ({'hidden': {'seed': 1, 'kinds': ['drift']}},
-     r"hidden.kinds.1: wanted one of frame_drift, .*, got 'drift'"),
+     r"hidden.kinds.1: expected one of frame_drift, .*, found 'drift'"),
     ({'hidden': {'seed': 1, 'fewest': 3, 'most': 2}},
-     r'hidden: fewest: wanted at most most = 2, got 3'),
-    ({'faults': [{'kind': 'slow'}]}, r"faults.1.kind: wanted one of silent, late, .*, crash, got 'slow'"),
-    ([1], r'wanted a mapping of settings, got \[1\]'),
+     r'hidden: fewest: expected at most most = 2, found 3'),
+    ({'faults': [{'kind': 'slow'}]}, r"faults.1.kind: expected one of silent, late, .*, crash, found 'slow'"),
+    ([1], r'expected a mapping of settings, found \[1\]'),
 ])
 def test_wrong_settings_are_reported_in_one_line(values, words):
     """File, key, what was wanted, what came."""
@@ -73,12 +73,12 @@ def test_wrong_settings_are_reported_in_one_line(values, words):
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('plate: [', 'wanted YAML, got text that is none: '),
+    ('plate: [', 'expected YAML, found text that is none: '),
     ('!!python/object/apply:os.system ["true"]',
-     'wanted YAML, got text that is none: line 1, column 1: could not determine a cons'),
-    ('a: &a [1]\nb: *a', r'line 2: wanted plain YAML, got an alias \(\*name\); write it out'),
-    ('[' * 60000, 'line 1: wanted at most 20 levels of nesting, got more'),
-    ('#' * 70000, 'wanted a machine file of at most 65536 bytes, got more'),
+     'expected YAML, found text that is none: line 1, column 1: could not determine a cons'),
+    ('a: &a [1]\nb: *a', r'line 2: expected plain YAML, found an alias \(\*name\); write it out'),
+    ('[' * 60000, 'line 1: expected at most 20 levels of nesting, found more'),
+    ('#' * 70000, 'expected a machine file of at most 65536 bytes, found more'),
 ])
 def test_wrong_files_are_reported_in_one_line(tmp_path, text, words):
     """A file that is no YAML, or wants to run code, is refused."""
@@ -91,7 +91,7 @@ def test_wrong_files_are_reported_in_one_line(tmp_path, text, words):
 
 def test_missing_file_and_empty_file(tmp_path):
     """No file is an error, an empty one holds the defaults."""
-    with pytest.raises(InvalidConfig, match='none.yaml: wanted a machine file that can be read, got No such'):
+    with pytest.raises(InvalidConfig, match='none.yaml: expected a machine file that can be read, found No such'):
         load_machine(tmp_path / 'none.yaml')
     (tmp_path / 'empty.yaml').write_text('')
     assert load_machine(tmp_path / 'empty.yaml') == MachineConfig()

@@ -42,10 +42,10 @@ def test_an_envelope_is_never_overwritten(machine, tmp_path):
     """An existing file is left as it is."""
     path = tmp_path / 'envelope.json'
     path.write_text('mine')
-    with pytest.raises(InvalidData, match=r'wanted a new file for the envelope, got one that ex'):
+    with pytest.raises(InvalidData, match=r'expected a new file for the envelope, found one that ex'):
         seal_envelope(path, machine)
     assert path.read_text() == 'mine'
-    with pytest.raises(InvalidData, match=r'wanted to write the envelope, got: '):
+    with pytest.raises(InvalidData, match=r'expected to write the envelope, found: '):
         seal_envelope(tmp_path / 'no' / 'folder', machine)
 
 
@@ -61,13 +61,13 @@ def test_a_changed_envelope_is_refused(machine, tmp_path):
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('no json', r'wanted an envelope file, got: '),
-    ('[]', r'wanted an envelope of schema rosette-envelope/1, got something else'),
-    ('{"schema": "rosette-envelope/1"}', r'sealed: wanted base64 text, got something else'),
-    ('{"schema": "rosette-envelope/1", "sealed": "%"}', r'sealed: wanted base64 text'),
+    ('no json', r'expected an envelope file, found: '),
+    ('[]', r'expected an envelope of schema rosette-envelope/1, found something else'),
+    ('{"schema": "rosette-envelope/1"}', r'sealed: expected base64 text, found something else'),
+    ('{"schema": "rosette-envelope/1", "sealed": "%"}', r'sealed: expected base64 text'),
     ('{"schema": "rosette-envelope/1", "sealed": "e30=", "sha256": '
      '"44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a"}',
-     r'sealed: wanted seed and hidden effects, got something else'),
+     r'sealed: expected seed and hidden effects, found something else'),
 ])
 def test_no_envelope(tmp_path, text, words):
     """Other files are refused in words."""
@@ -75,5 +75,5 @@ def test_no_envelope(tmp_path, text, words):
     path.write_text(text)
     with pytest.raises(InvalidData, match=words):
         open_envelope(path)
-    with pytest.raises(InvalidData, match=r'wanted an envelope file, got: '):
+    with pytest.raises(InvalidData, match=r'expected an envelope file, found: '):
         open_envelope(tmp_path / 'none')

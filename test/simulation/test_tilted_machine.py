@@ -84,7 +84,7 @@ def test_touches_are_about_the_pole(name):
     assert machine(AXES[name], **quiet).measure(1, 2, pole=axis).centre == pytest.approx(centre, abs=1e-15)
     aside = axis_rotation(axis) @ [0.6, 0, 0.8]
     assert machine(AXES[name], **quiet).measure(1, 2, pole=aside).centre == pytest.approx(centre, abs=1e-12)
-    with pytest.raises(BallNotFound, match=r'wanted a pole on the free side of the plate, .* check the axis'):
+    with pytest.raises(BallNotFound, match=r'expected a pole on the free side of the plate, .* check the axis'):
         made.measure(1, 3, pole=-axis)
 
 
@@ -97,9 +97,9 @@ def test_repeatability_is_alike_in_all_directions():
 
 
 @pytest.mark.parametrize(('axis', 'words'), [
-    ([0, 0, 0], r'placement.axis: wanted 3 numbers that are not all 0, got \[0.0, 0.0, 0.0\]'),
-    ([0, 1], 'placement.axis'), ([0, float('nan'), 1], r'placement.axis.2: wanted a finite number'),
-    ('up', 'placement.axis: wanted a list')])
+    ([0, 0, 0], r'placement.axis: expected 3 numbers that are not all 0, found \[0.0, 0.0, 0.0\]'),
+    ([0, 1], 'placement.axis'), ([0, float('nan'), 1], r'placement.axis.2: expected a finite number'),
+    ('up', 'placement.axis: expected a list')])
 def test_a_bad_axis_is_refused_in_one_line(axis, words):
     """By its key."""
     with pytest.raises(InvalidConfig, match=words) as caught:

@@ -93,7 +93,7 @@ def test_malformed_headers_are_refused_in_one_line(header, value, caplog):
     headers = [HOST, (header, value)] if header == 'origin' else [(header, value)]
     assert ask(AccessControl(studio_app, names=None), *headers)[0] == 400
     assert ask(AccessControl(studio_app, names=None), *headers, kind='websocket')[0] == 'websocket.close'
-    assert [line.count(f'refused: {header}: wanted one as browsers send it') for line in caplog.messages] == [1, 1]
+    assert [line.count(f'refused: {header}: expected one as browsers send it') for line in caplog.messages] == [1, 1]
 
 
 def test_two_hosts_are_none():
@@ -234,10 +234,10 @@ def test_no_redirection_leads_elsewhere(locked):
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    (['--host', '0.0.0.0'], 'others can reach this address; wanted a token with it'),
-    (['--token', 'short'], 'wanted at least 12 printable ASCII characters'),
-    (['--host', 'here'], 'wanted an IP address'),
-    (['nothing.csv'], 'nothing.csv: wanted a log directory'),
+    (['--host', '0.0.0.0'], 'others can reach this address; expected a token with it'),
+    (['--token', 'short'], 'expected at least 12 printable ASCII characters'),
+    (['--host', 'here'], 'expected an IP address'),
+    (['nothing.csv'], 'nothing.csv: expected a log directory'),
 ])
 def test_the_command_line_refuses(arguments, words, capsys, monkeypatch):
     """Before anything is served."""

@@ -52,7 +52,7 @@ def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
         page.get_by_test_id('archive-since').fill('2026-03-01')
         expect(page.get_by_test_id('archive-words')).to_contain_text(f'7 of {RUNS} runs')
         page.get_by_test_id('archive-overlay').click()
-        expect(page.get_by_test_id('archive-error')).to_contain_text('wanted 1 to 12 runs to be chosen')
+        expect(page.get_by_test_id('archive-error')).to_contain_text('expected 1 to 12 runs to be chosen')
         boxes = page.get_by_test_id('archive-runs').locator('tbody .q-checkbox')
         boxes.nth(0).click()
         boxes.nth(1).click()
@@ -64,7 +64,7 @@ def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
 
         page.get_by_test_id('archive-folder').fill(str(tmp_path))
         page.get_by_test_id('archive-open').click()
-        expect(page.get_by_test_id('archive-error')).to_contain_text('wanted an archive, got a folder')
+        expect(page.get_by_test_id('archive-error')).to_contain_text('expected an archive, found a folder')
         page.get_by_test_id('archive-folder').fill(str(archive))
         page.get_by_test_id('archive-open').click()
         page.get_by_test_id('archive-runs').get_by_text('run8').click()
@@ -82,5 +82,5 @@ def test_differences_want_the_same_table_angles():
     np.testing.assert_allclose(less.u, 5e-7, rtol=1e-12)
     turned = ErrorMotions(other.angle + np.deg2rad(15), other.values, other.u)
     with pytest.raises(InvalidData, match=(
-            '^wanted runs at the same table angles, got b with 4 from 15° and a with 4 from 0°$')):
+            '^wanted runs at the same table angles, found b with 4 from 15° and a with 4 from 0°$')):
         less_earliest([('a', one), ('b', turned)])

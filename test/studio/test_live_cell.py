@@ -103,9 +103,9 @@ def test_pages_that_connect_at_once_share_a_watcher(monkeypatch):
 def test_a_domain_without_a_cell(studio, domain_id, page):
     """Nothing can be started, and the page says why; a domain that DDS has no ports for would end the process."""
     connect(page, studio, 233)
-    expect(page.get_by_text('wanted a whole number from 0 to 232')).to_be_visible()
+    expect(page.get_by_text('expected a whole number from 0 to 232')).to_be_visible()
     assert studio.process.poll() is None
-    with pytest.raises(CellError, match='ROS domain: wanted a whole number from 0 to 232, got 233'):
+    with pytest.raises(CellError, match='ROS domain: expected a whole number from 0 to 232, found 233'):
         CellWatchers().watch(233, 'rosette')
     page.get_by_test_id('domain').fill(str(domain_id))
     page.get_by_test_id('connect').click()

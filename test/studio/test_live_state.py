@@ -62,10 +62,10 @@ def test_the_plan_view_fills():
 def test_nothing_received_is_no_run():
     """Neither before the first target nor before the first answer."""
     state = CellState()
-    with pytest.raises(InvalidData, match='wanted probe targets of phase RUN, got none'):
+    with pytest.raises(InvalidData, match='expected probe targets of phase RUN, found none'):
         state.part_of_run()
     state.add_target(messages()[1][0])
-    with pytest.raises(InvalidData, match="wanted ball centres of run 'a', got none that counts"):
+    with pytest.raises(InvalidData, match="expected ball centres of run 'a', found none that counts"):
         state.part_of_run()
     assert (state.balls, state.cells) == (4, {})
 

@@ -114,7 +114,7 @@ def test_the_answer_of_a_preview_is_in_view(opened, width, name):
     expect(page.get_by_test_id('preview-add')).to_be_in_viewport(ratio=1)
     expect(page.get_by_test_id('preview-busy')).to_be_hidden()
     assert page.evaluate('window.busy')
-    page.wait_for_function('''wanted => {
+    page.wait_for_function('''expected => {
         const lines = [...document.querySelectorAll('[data-testid=curves] .scatterlayer .js-line')];
         return wanted.every(colour => lines.some(one => one.style.stroke === colour)); }''', arg=[
         f'rgb{tuple(bytes.fromhex(colour[1:]))}' for colour in (BEFORE, AFTER)])

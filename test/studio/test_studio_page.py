@@ -76,7 +76,7 @@ def test_the_budget_is_calculated_on_request(shared_page, tmp_path):
     expect(result.locator('td', has_text='radius').first).to_be_visible()
     page.get_by_test_id('budget-inputs').fill(str(tmp_path / 'none.yaml'))
     go.click()
-    expect(page.get_by_test_id('error')).to_contain_text('none.yaml: wanted')
+    expect(page.get_by_test_id('error')).to_contain_text('none.yaml: expected')
     page.get_by_test_id('budget-inputs').fill('')
     choose(page, 'budget-environment', 'laboratory')
     go.click()
@@ -138,7 +138,7 @@ def test_a_broken_upload_is_refused_as_by_the_command_line(shared_page, tmp_path
     expect(page.get_by_test_id('open-error')).to_have_text(words)
     page.get_by_test_id('open-path').fill(str(tmp_path / 'nothing.csv'))
     page.get_by_test_id('open-go').click()
-    expect(page.get_by_test_id('open-error')).to_contain_text('wanted a log directory, an .mcap file or a CSV table')
+    expect(page.get_by_test_id('open-error')).to_contain_text('expected a log directory, an .mcap file or a CSV table')
     page.keyboard.press('Escape')
     expect(page.get_by_test_id('open-path')).to_be_hidden()
 
@@ -172,7 +172,7 @@ def test_errors_of_a_custom_term_are_shown_while_it_is_written(shared_page):
     page = shared_page
     page.get_by_text('Custom term', exact=True).click()
     page.get_by_test_id('custom-expression').fill('t*cos(3*gamma)')
-    expect(page.get_by_test_id('custom-error')).to_contain_text("got 'gamma'")
+    expect(page.get_by_test_id('custom-error')).to_contain_text("found 'gamma'")
     expect(page.get_by_test_id('custom-add')).to_be_disabled()
     page.get_by_test_id('custom-expression').fill('t')
     page.get_by_test_id('custom-name').fill('sinking')

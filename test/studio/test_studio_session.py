@@ -101,7 +101,7 @@ def test_removing_takes_the_part_at_a_place(session):
 
 def test_bad_entries_are_refused_and_change_nothing(session):
     """In the words of the core."""
-    with pytest.raises(InvalidModel, match='wanted names among'):
+    with pytest.raises(InvalidModel, match='expected names among'):
         session.add_entry({'own': 'mine', 'direction': 'z', 'expression': 'gamma'})
     with pytest.raises(InvalidModel, match='is in the model already'):
         session.add('table_motions')
@@ -359,9 +359,9 @@ def take_memory(size):
 
 def test_work_is_bounded():
     """In time and in memory, in words."""
-    with pytest.raises(WorkerFailed, match='wanted a result within 0.1 s, got none'):
+    with pytest.raises(WorkerFailed, match='expected a result within 0.1 s, found none'):
         in_loop(Worker().run(time.sleep, 600, within=0.1))
-    with pytest.raises(WorkerFailed, match='wanted at most 2048 MB of memory, got more'):
+    with pytest.raises(WorkerFailed, match='expected at most 2048 MB of memory, found more'):
         in_loop(Worker().run(take_memory, 4 << 30, memory=2 << 30))
     assert in_loop(Worker().run(take_memory, 1 << 20, within=60.0, memory=2 << 30)) == 1 << 20
 
@@ -373,8 +373,8 @@ def refuse(words):
 
 def test_a_worker_passes_errors_on():
     """As if the function were called here."""
-    with pytest.raises(InvalidData, match='wanted this, got that'):
-        in_loop(Worker().run(refuse, 'wanted this, got that'))
+    with pytest.raises(InvalidData, match='expected this, found that'):
+        in_loop(Worker().run(refuse, 'expected this, found that'))
 
 
 def test_a_worker_loads_nothing_of_the_page():

@@ -106,5 +106,5 @@ def _check_choices(run: Run, term: Term) -> None:
             some = [str(value) for value in known]
             if len(some) > 8:
                 some = [*some[:3], '...', some[-1]]
-            raise InvalidModel(f'{run.source}: effect {term.name}: {name}: wanted one of '
-                               f'{", ".join(some) or "nothing"}, got {term.fixed[name]!r}')
+            raise InvalidModel(f'{run.source}: effect {term.name}: {name}: expected one of '
+                               f'{", ".join(some) or "nothing"}, found {term.fixed[name]!r}')

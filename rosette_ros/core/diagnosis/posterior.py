@@ -49,7 +49,7 @@ class Posterior:
     def state(self) -> State:
         """The State of the best hypothesis; raises ValueError where there is none."""
         if self._state is None:
-            raise ValueError('wanted the state of the best hypothesis, got probabilities alone')
+            raise ValueError('expected the state of the best hypothesis, found probabilities alone')
         return self._state
 
     def places(self, key: Key) -> tuple[Place, ...]:

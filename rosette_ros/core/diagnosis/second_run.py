@@ -97,7 +97,8 @@ def refuse_same(run: Run, searched: Run) -> None:
     apart = np.abs(run.centre[here] - searched.centre[there]).max(axis=1, initial=0)
     same = int(np.count_nonzero(apart < SAME_READING))
     if run.n == searched.n and cells.size and same >= SAME_SHARE * cells.size:
-        raise InvalidData(f'{run.source}: wanted another run as a check, got {same} of {cells.size} readings that are '
+        raise InvalidData(f'{run.source}: expected another run as a check, found {same} of {cells.size} readings that '
+                          f'are '
                           f'those of {searched.source}, in which the effects were found; measure again')
 
 

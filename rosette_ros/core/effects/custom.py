@@ -65,9 +65,9 @@ _VARIABLES = {'t': 'time', 'T': 'temperature', 'phi': 'table angle', 'beta': 'ba
 def parse(text: object) -> ast.expr:
     """Return the tree of an expression; raise InvalidModel for anything but arithmetic on what is known."""
     if not isinstance(text, str) or not text.strip():
-        raise InvalidModel(f'expression: wanted a text such as t*cos(3*alpha), got {text!r}')
+        raise InvalidModel(f'expression: expected a text such as t*cos(3*alpha), found {text!r}')
     if len(text) > LONGEST:
-        raise InvalidModel(f'expression: wanted at most {LONGEST} characters, got {len(text)}; shorten it')
+        raise InvalidModel(f'expression: expected at most {LONGEST} characters, found {len(text)}; shorten it')
     for letter, name in GREEK.items():
         text = text.replace(letter, name)
     try:
@@ -75,7 +75,7 @@ def parse(text: object) -> ast.expr:
             warnings.simplefilter('ignore', SyntaxWarning)  # what is odd is refused below or harmless
             tree = ast.parse(text.strip().replace('^', '**'), mode='eval').body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise InvalidModel(f'expression: {text!r} cannot be read; wanted arithmetic such as t*cos(alpha)') from None
+        raise InvalidModel(f'expression: {text!r} cannot be read; expected arithmetic such as t*cos(alpha)') from None
     _check(tree, 0)
     return tree
 
@@ -100,36 +100,37 @@ def evaluate(tree: ast.expr, values: Mapping[str, Floats | float]) -> Floats | f
             return FUNCTIONS[name](evaluate(argument, values))
         case ast.BinOp(left=left, op=operation, right=right):
             return _BINARY[type(operation)](evaluate(left, values), evaluate(right, values))
-    raise TypeError(f'wanted a tree of parse, got {ast.dump(tree)}')
+    raise TypeError(f'expected a tree of parse, found {ast.dump(tree)}')
 
 
 def _check(node: ast.expr, depth: int) -> None:
     if depth > DEEPEST:
-        raise InvalidModel(f'expression: wanted at most {DEEPEST} nested levels, got more')
+        raise InvalidModel(f'expression: expected at most {DEEPEST} nested levels, found more')
     inner: list[ast.expr] = []
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
             if abs(number) > 1e12:
-                raise InvalidModel('expression: wanted numbers up to 1e12, got a larger one')
+                raise InvalidModel('expression: expected numbers up to 1e12, found a larger one')
         case ast.Name(id=name):
             if name not in NAMES:
-                raise InvalidModel(f'expression: wanted names among {", ".join(NAMES)}, got {name!r}')
+                raise InvalidModel(f'expression: expected names among {", ".join(NAMES)}, found {name!r}')
         case ast.UnaryOp(op=ast.UAdd() | ast.USub(), operand=operand):
             inner = [operand]
         case ast.Call(func=ast.Name(id=name), args=inner, keywords=keywords):
             if name not in FUNCTIONS or len(inner) != 1 or keywords:
-                raise InvalidModel(f'expression: wanted functions of one argument among {", ".join(FUNCTIONS)}, got '
+                raise InvalidModel(f'expression: expected functions of one argument among {", ".join(FUNCTIONS)}, '
+                                   f'found '
                                    f'{name!r}')
         case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=int() | float() as power)) if (
                 not isinstance(power, bool) and abs(power) <= LARGEST_POWER):
             inner = [base]
         case ast.BinOp(op=ast.Pow()):
-            raise InvalidModel(f'expression: wanted a number up to {LARGEST_POWER} as exponent')
+            raise InvalidModel(f'expression: expected a number up to {LARGEST_POWER} as exponent')
         case ast.BinOp(left=left, op=operation, right=right) if type(operation) in _BINARY:
             inner = [left, right]
         case _:
-            raise InvalidModel(f'expression: wanted arithmetic on {", ".join(NAMES)} and the functions '
-                               f'{", ".join(FUNCTIONS)}, got {ast.unparse(node)!r:.80}')
+            raise InvalidModel(f'expression: expected arithmetic on {", ".join(NAMES)} and the functions '
+                               f'{", ".join(FUNCTIONS)}, found {ast.unparse(node)!r:.80}')
     for one in inner:
         _check(one, depth + 1)
 
@@ -203,7 +204,7 @@ class CustomTerm(PhysicalEffect):
     def __init__(self, name: str, direction: object, expression: object, per: object = 'all') -> None:
         for key, value, known in (('direction', direction, DIRECTIONS), ('per', per, PER)):
             if not isinstance(value, str) or value not in known:
-                raise InvalidModel(f'custom term {name}: {key}: wanted one of {", ".join(known)}, got {value!r}')
+                raise InvalidModel(f'custom term {name}: {key}: expected one of {", ".join(known)}, found {value!r}')
         try:
             parse(expression)
         except InvalidModel as error:
@@ -217,14 +218,14 @@ class CustomTerm(PhysicalEffect):
         """Return the term of a mapping with own, direction, expression and per; raise InvalidModel."""
         unknown = set(mapping) - {'own', 'direction', 'expression', 'per'}
         if unknown:
-            raise InvalidModel(f'custom term: wanted the keys own, direction, expression, per, '
-                               f'got {sorted(map(str, unknown))[0]!r}')
+            raise InvalidModel(f'custom term: expected the keys own, direction, expression, per, '
+                               f'found {sorted(map(str, unknown))[0]!r}')
         name = mapping.get('own')
         if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:
-            raise InvalidModel(f'custom term: own: wanted a name of letters, digits and _, got {name!r}')
+            raise InvalidModel(f'custom term: own: expected a name of letters, digits and _, found {name!r}')
         for key in ('direction', 'expression'):
             if key not in mapping:
-                raise InvalidModel(f'custom term {name}: wanted the key {key}; it is missing')
+                raise InvalidModel(f'custom term {name}: expected the key {key}; it is missing')
         return CustomTerm(name, *(mapping.get(key, 'all') for key in ('direction', 'expression', 'per')))
 
     def to_mapping(self) -> dict[str, str]:

@@ -159,8 +159,8 @@ class Motion(_Factor):
     def __init_subclass__(cls) -> None:
         """Refuse a motion that no number of an environment is stated for."""
         if not hasattr(cls, 'stated') and 'stated' not in cls.__annotations__:
-            raise TypeError(f'motion {cls.__name__}: wanted stated, the number of an environment by which it moves, '
-                            'got none; give it one of stated_environment.KINDS')
+            raise TypeError(f'motion {cls.__name__}: expected stated, the number of an environment by which it moves, '
+                            'found none; give it one of stated_environment.KINDS')
 
     def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
         """Return the keys of the directions in which a setting acts."""
@@ -356,9 +356,9 @@ class Effect(_ByValue):
         for name, value in setting.items():
             if name not in known:
                 words = ', '.join(known) or 'none'
-                raise InvalidModel(f'effect {self.name}: wanted settings among {words}, got {name!r}')
+                raise InvalidModel(f'effect {self.name}: expected settings among {words}, found {name!r}')
             if wanted := known[name].wanted_for(value):
-                raise InvalidModel(f'effect {self.name}: {name}: wanted {wanted}, got {value!r}')
+                raise InvalidModel(f'effect {self.name}: {name}: expected {wanted}, found {value!r}')
 
 
 @lru_cache(maxsize=64)

@@ -302,8 +302,8 @@ def _course(run: Run, of: str, kind: str) -> tuple[Floats, Floats, Ints | None]:
         one = next((v for v in same if own in v.kinds), None)
         if one is None:
             known = dict.fromkeys(each for v in same for each in v.kinds)
-            raise InvalidModel(f'{run.source}: effect {NAME}: kind of {name}: wanted one of {", ".join(known)}, '
-                               f'got {own!r}')
+            raise InvalidModel(f'{run.source}: effect {NAME}: kind of {name}: expected one of {", ".join(known)}, '
+                               f'found {own!r}')
         keep = one.kinds[own] > LEAST * one.kinds[own].max()
         parts.append((one.functions[keep], one.kinds[own][keep]))
     functions, variance = parts[0]

@@ -318,9 +318,9 @@ def add_effect(own: object) -> None:
 
     Raises InvalidModel where it is none, or another one has its name."""
     if not isinstance(own, PhysicalEffect):
-        raise InvalidModel(f'own effect: wanted a PhysicalEffect, got {type(own).__name__}')
+        raise InvalidModel(f'own effect: expected a PhysicalEffect, found {type(own).__name__}')
     if EFFECTS.get(own.name, own) is not own:
-        raise InvalidModel(f'own effect {own.name}: wanted another name; the library has one of this name')
+        raise InvalidModel(f'own effect {own.name}: expected another name; the library has one of this name')
     EFFECTS[own.name] = own
 
 

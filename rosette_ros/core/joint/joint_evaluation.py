@@ -219,7 +219,7 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
     runs, wanted, notes = default_sharing(runs, declared)
     _refuse_unlike_plates(runs, wanted)
     if environment and sum(run.size for run in runs) > MOST_READINGS:
-        raise InvalidData(f'{runs[0].source}: wanted at most {MOST_READINGS} readings in an environment, got '
+        raise InvalidData(f'{runs[0].source}: expected at most {MOST_READINGS} readings in an environment, found '
                           f'{sum(run.size for run in runs)}; evaluate fewer runs as one')
     notes += [remark(JointRemark.NOT_IN_U, run=run.name) for run in runs if environment and run.run is None]
     solution = JointSolution(JointModel(runs, wanted))
@@ -238,7 +238,7 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
         if solution.model.sharing.is_all(worst.item):
             untrue_items = ', '.join(ITEMS[test.item] for test in dropped)
             raise NotDeterminable(
-                f'{" and ".join(run.name for run in runs)}: wanted runs that have something in common, but the '
+                f'{" and ".join(run.name for run in runs)}: expected runs that have something in common, but the '
                 f'readings contradict all of it: {untrue_items}; diagnose each run alone, as what a model lacks makes '
                 'them differ, too, or declare what is the same (--share)')
         solution = JointSolution(JointModel(runs, solution.model.sharing.without(worst.item)))
@@ -263,10 +263,11 @@ def _refuse_twice(runs: Sequence[Readings]) -> None:
             rows = np.asarray(nearest)[apart < SAME_READING]
             same = int(rows.size and 1 + np.count_nonzero(np.diff(rows) > 0))  # in the same order, too
             if same == run.size == other.size:
-                raise InvalidData(f'{other.source} and {run.source}: wanted different runs, got the same ball centres '
+                raise InvalidData(f'{other.source} and {run.source}: expected different runs, found the same ball '
+                                  f'centres '
                                   'in both; leave one out')
             if same >= SAME_SHARE * short.size:
-                raise InvalidData(f'{short.source}: wanted another run than {long.source}, got {same} of its '
+                raise InvalidData(f'{short.source}: expected another run than {long.source}, found {same} of its '
                                   f'{short.size} ball centres there, too, as where a run was resumed; leave it out')
 
 
@@ -277,7 +278,7 @@ def _refuse_unlike_plates(runs: Sequence[Readings], sharing: Sharing) -> None:
         if not run.plate.is_like(other.plate):
             balls = (f'{other.plate.balls} and {run.plate.balls} balls' if other.plate.balls != run.plate.balls
                      else 'nominal places that differ by more than 0.1 mm')
-            raise InvalidData(f'{other.name} and {run.name}: plate: wanted one plate, as declared, got {balls}; '
+            raise InvalidData(f'{other.name} and {run.name}: plate: expected one plate, as declared, found {balls}; '
                               'declare the plates separate')
 
 

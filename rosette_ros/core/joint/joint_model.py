@@ -71,7 +71,7 @@ class JointModel:
 
     def __init__(self, runs: Sequence[Readings], sharing: Sharing) -> None:
         if len(runs) != sharing.runs:
-            raise InvalidData(f'sharing: wanted names for {len(runs)} runs, got {sharing.runs}')
+            raise InvalidData(f'sharing: expected names for {len(runs)} runs, found {sharing.runs}')
         self.runs, self.sharing = tuple(runs), sharing
         sizes = [run.size for run in runs]
         self.run: Ints = np.repeat(np.arange(len(runs)), sizes)
@@ -109,7 +109,8 @@ class JointModel:
         self.free = np.ones(ends[-1], dtype=bool)
         self._fix(balls)
         if self.unknowns > MOST_UNKNOWNS:
-            raise NotDeterminable(f'wanted at most {MOST_UNKNOWNS} unknowns in all runs together, got {self.unknowns}; '
+            raise NotDeterminable(f'expected at most {MOST_UNKNOWNS} unknowns in all runs together, found '
+                                  f'{self.unknowns}; '
                                   'evaluate fewer runs or positions')
         self._refuse_unjoined_runs()
 

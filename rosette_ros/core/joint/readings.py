@@ -61,16 +61,17 @@ class Plate:
         other = 'tables of ball centres take any plate (rosette evaluate, rosette report --joint)'
         for ball in np.flatnonzero(off > OFF_PLACE).tolist():
             raise InvalidData(
-                f'{self.source}: ball {ball + 1}: wanted it within 1 mm of a multiple of {step:.6g} deg, the step of '
-                f'{positions} table positions, on a circle of {1e3 * self.circle:.6g} mm at one height, got '
+                f'{self.source}: ball {ball + 1}: expected it within 1 mm of a multiple of {step:.6g} deg, the step of '
+                f'{positions} table positions, on a circle of {1e3 * self.circle:.6g} mm at one height, found '
                 f'{np.rad2deg(self.azimuth[ball]):.6g} deg, {1e3 * self.radius[ball]:.6g} mm, '
                 f'{1e3 * self.height[ball]:.6g} mm; {other}')
         found: list[int] = (place % positions + 1).tolist()
         if 1 not in found:
-            raise InvalidData(f'{self.source}: wanted a ball at azimuth 0, from which balls are counted, got none; '
+            raise InvalidData(f'{self.source}: expected a ball at azimuth 0, from which balls are counted, found none; '
                               f'{other}')
         if len({*found}) < len(found):
-            raise InvalidData(f'{self.source}: wanted each ball at a place of its own of {positions}, got two at one')
+            raise InvalidData(f'{self.source}: expected each ball at a place of its own of {positions}, found two at '
+                              f'one')
         return tuple(found)
 
     @property
@@ -116,7 +117,7 @@ class Readings:
         for name, most in (('table_position', self.angle.size), ('ball', self.plate.balls)):
             bad = np.flatnonzero((getattr(self, name) < 1) | (getattr(self, name) > most))
             if bad.size:
-                raise InvalidData(f'{self.source}: reading {bad[0] + 1}: {name}: wanted 1..{most}, got '
+                raise InvalidData(f'{self.source}: reading {bad[0] + 1}: {name}: expected 1..{most}, found '
                                   f'{getattr(self, name)[bad[0]]}')
 
     @staticmethod
@@ -153,7 +154,7 @@ class Readings:
             return ball, plate.turned(turn)[ball]
         pitches = turn * plate.balls / (2 * np.pi)
         if abs(pitches - round(pitches)) > 1e-6:
-            raise InvalidData(f'{self.source}: plate turned by {np.rad2deg(turn):.6g} deg: wanted whole pitches of '
+            raise InvalidData(f'{self.source}: plate turned by {np.rad2deg(turn):.6g} deg: expected whole pitches of '
                               f'{360 / plate.balls:.6g} deg, as ball 1 is the one next to +x; describe the plate by a '
                               'plate file for other angles')
         return (ball - round(pitches)) % plate.balls, plate.centres[ball]
@@ -161,6 +162,6 @@ class Readings:
     def seen_from(self, frame: Frame) -> 'Readings':
         """Return the readings in another table frame, given, as their own one, in the machine frame."""
         if self.frame is None:
-            raise InvalidData(f'{self.source}: wanted its table frame, got none')
+            raise InvalidData(f'{self.source}: expected its table frame, found none')
         return replace(self, centre=frame.to_inner(self.frame.to_outer(self.centre)), frame=frame,
                        rotation=frame.rotation)

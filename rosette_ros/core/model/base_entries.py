@@ -65,13 +65,15 @@ def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
         poor = np.flatnonzero(at < 3) + 1
         got = ', '.join(f'{counted(int(at[one - 1]), "ball")} at table position {one}' for one in poor[:NAMED].tolist())
         more = f' and fewer than 3 at {poor.size - NAMED} more' if poor.size > NAMED else ''
-        raise InvalidPlan(f'{source}: does not determine the curves: wanted at least 3 different balls at each of the '
-                          f'table positions 1 .. {n}, got {got}{more}; add readings there')
+        raise InvalidPlan(f'{source}: does not determine the curves: expected at least 3 different balls at each of '
+                          f'the '
+                          f'table positions 1 .. {n}, found {got}{more}; add readings there')
     fewest = 3 * n + balls.size + positions.size - 6
     if pairs.size < fewest:
-        raise InvalidPlan(f'{source}: does not determine the curves: wanted at least {fewest} different pairs of table '
+        raise InvalidPlan(f'{source}: does not determine the curves: expected at least {fewest} different pairs of '
+                          f'table '
                           f'position and ball for {balls.size} balls and {counted(positions.size, "CMM position")} in '
-                          f'use, got {pairs.size}; add readings')
+                          f'use, found {pairs.size}; add readings')
     if n > MOST_RANKED:
         return
     wanted = 12 * n - 13 - 3 * (n - balls.size) - 3 * (n - positions.size)
@@ -80,7 +82,7 @@ def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
     rank = sum(np.count_nonzero(value > ROUNDING * value[-1]) for value in values)
     if rank < wanted:
         raise InvalidPlan(f'{source}: does not determine the curves: its {pairs.size} pairs of table position and ball '
-                          f'have rank {rank} where {wanted} is needed; wanted CMM positions or balls that are not '
+                          f'have rank {rank} where {wanted} is needed; expected CMM positions or balls that are not '
                           'equally spaced, and readings that join all of them')
 
 

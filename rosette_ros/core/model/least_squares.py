@@ -361,7 +361,7 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
     if not change <= CONVERGED:
         raise NotDeterminable(
             f'{run.source}: the products of rotations and deviations do not converge for {model}: after {MOST_STEPS} '
-            f'steps they still change by {micrometres(change)} (wanted at most {1e6 * CONVERGED:g}); check plate, '
+            f'steps they still change by {micrometres(change)} (expected at most {1e6 * CONVERGED:g}); check plate, '
             'table frame and readings')
     tangents = _tangents(run, parts, amplitude)
     joint = JointSpace(space, columns, tangents) if len(tangents) else linear

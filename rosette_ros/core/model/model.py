@@ -58,7 +58,7 @@ class Term:
                 raise InvalidModel(f'custom term: {custom.name} is the name of a library effect; choose another')
             return Term(custom)
         if not isinstance(entry, Mapping) or not isinstance(entry.get('name'), str):
-            raise InvalidModel(f'effects: wanted a name or a mapping with a name, got {entry!r}')
+            raise InvalidModel(f'effects: expected a name or a mapping with a name, found {entry!r}')
         fixed = {key: value for key, value in entry.items() if key != 'name'}
         return Term(effect(entry['name']), Setting(fixed))
 
@@ -87,7 +87,7 @@ class Model:
             names = getattr(self, part)
             for name in names:
                 if name not in known:
-                    raise InvalidModel(f'model: {part}: wanted some of {", ".join(known)}, got {name!r}')
+                    raise InvalidModel(f'model: {part}: expected some of {", ".join(known)}, found {name!r}')
             object.__setattr__(self, part, tuple(name for name in known if name in names))
         seen = set()
         for term in self.terms:
@@ -114,7 +114,7 @@ class Model:
     def with_effect(self, name: str, fixed: Mapping[str, float | str] | None = None) -> 'Model':
         """Return the model with an effect, base term or kind of noise more; raise InvalidModel; fixed: of an effect."""
         if fixed and name in (*BASE_TERMS, *NOISE_TERMS):
-            raise InvalidModel(f'model: {name} has no settings, got {", ".join(fixed)}; leave them out')
+            raise InvalidModel(f'model: {name} has no settings, found {", ".join(fixed)}; leave them out')
         if name in (*self.base, *self.noise):
             raise InvalidModel(f'model: {name} is in the model already')
         if name in BASE_TERMS:
@@ -148,19 +148,19 @@ class Model:
     def from_mapping(mapping: object, source: str = 'model') -> 'Model':
         """Return the Model of plain lists and dicts; raise InvalidModel, naming `source`."""
         if not isinstance(mapping, dict):
-            raise InvalidModel(f'{source}: wanted a mapping with base and effects, got {kind_of(mapping)}')
+            raise InvalidModel(f'{source}: expected a mapping with base and effects, found {kind_of(mapping)}')
         unknown = set(mapping) - {'schema', 'base', 'effects', 'noise'}
         if unknown:
             first = min(map(str, unknown))
-            raise InvalidModel(f'{source}: wanted the keys schema, base, effects, noise, got {first!r}')
+            raise InvalidModel(f'{source}: expected the keys schema, base, effects, noise, found {first!r}')
         if mapping.get('schema', SCHEMA) != SCHEMA:
-            raise InvalidModel(f'{source}: schema: wanted {SCHEMA}, got {mapping["schema"]!r}')
+            raise InvalidModel(f'{source}: schema: expected {SCHEMA}, found {mapping["schema"]!r}')
         base = mapping.get('base', list(BASE_TERMS))
         effects = [] if mapping.get('effects') is None else mapping['effects']  # a key without a value: none
         noise = mapping.get('noise', list(NOISE_TERMS))
         for key, value in (('base', base), ('effects', effects), ('noise', noise)):
             if not isinstance(value, list):
-                raise InvalidModel(f'{source}: {key}: wanted a list, got {value!r}')
+                raise InvalidModel(f'{source}: {key}: expected a list, found {value!r}')
         try:
             return Model(tuple(base), tuple(map(Term.from_entry, effects)), noise=tuple(noise))
         except InvalidModel as error:

@@ -98,7 +98,7 @@ class OrderAdvice:
     def _least(self) -> Share:
         some = [one for one in self.shares.values() if not self.wanted or one.name in self.wanted]
         if all(one.reason for one in some):
-            raise NotDeterminable('wanted effects that an order can show, got ' + '; '.join(
+            raise NotDeterminable('expected effects that an order can show, found ' + '; '.join(
                 f'{one.name}: {one.reason}' for one in some))
         return min((one for one in some if not one.reason), key=lambda one: one.typical_share)
 
@@ -210,7 +210,8 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
     for name in wanted:
         if name not in present.shares:
             why = EFFECTS[name].unavailable(present.run) if name in EFFECTS else 'it is a form without a name'
-            raise NotDeterminable(f'{name}: wanted an effect that the cell of this run can have, got one that no order '
+            raise NotDeterminable(f'{name}: expected an effect that the cell of this run can have, found one that no '
+                                  f'order '
                                   f'shows: {why}')
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
     every = tuple(advise_order(plan(n, name, seed, turning, balls=balls), radius, sigma, wanted, names=wanted,

@@ -86,7 +86,7 @@ def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace:
     """
     expected = expect(scheme, radius, pace)
     if environment and scheme.n > LARGEST:
-        raise InvalidPlan(f'{name}: wanted at most {LARGEST} balls in an environment, got {scheme.n}')
+        raise InvalidPlan(f'{name}: expected at most {LARGEST} balls in an environment, found {scheme.n}')
     run, spread = planned_run(scheme, radius, pace, rotation), sigma * expected.spread
     seen = visibility(run, spread) if effects and scheme.n <= MOST_BALLS else ()
     u = expected_u(run, spread, environment) if environment else sigma * expected.u

@@ -10,5 +10,5 @@ MOST_BALLS = 72
 def refuse_more(n: int, where: str) -> None:
     """Raise InvalidPlan where a plate has more than MOST_BALLS balls; where: what asks for it, for the message."""
     if n > MOST_BALLS:
-        raise InvalidPlan(f'{where}: wanted at most {MOST_BALLS} balls, got {n}: for more it takes minutes and '
+        raise InvalidPlan(f'{where}: expected at most {MOST_BALLS} balls, found {n}: for more it takes minutes and '
                           'memory (72 balls: 2 GB, 120 balls: 7 GB); measure a whole plan, and diagnose it')

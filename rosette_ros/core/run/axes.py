@@ -30,7 +30,7 @@ def unit_axis(axis: ArrayLike) -> Floats:
     """Return a direction (3,) with the length 1; raises InvalidData where it is none."""
     made: Floats = np.asarray(axis, dtype=float)
     if made.shape != (3,) or not np.isfinite(made).all() or not made.any():
-        raise InvalidData(f'wanted 3 numbers that are not all 0, got {made.tolist()!r:.80}')
+        raise InvalidData(f'expected 3 numbers that are not all 0, found {made.tolist()!r:.80}')
     made = made / np.abs(made).max()
     return np.asarray(made / np.linalg.norm(made))
 
@@ -44,7 +44,8 @@ def refuse_other_axis(found: Frame, taught: Frame) -> None:
     """Raise NotDeterminable where the table turns about another axis than taught, or the other way."""
     axis, wanted = found.rotation[:, 2], taught.rotation[:, 2]
     if axis @ wanted < np.cos(OTHER):
-        raise NotDeterminable(f'wanted the table to turn counter-clockwise about the taught axis {words(wanted)}, got '
+        raise NotDeterminable(f'expected the table to turn counter-clockwise about the taught axis {words(wanted)}, '
+                              f'found '
                               f'{words(axis)} from the ball centres; correct table.axis')
 
 
@@ -64,7 +65,8 @@ def refuse_other_sense(found: Frame, axis: ArrayLike, plane: ArrayLike) -> None:
     apart, left = (float(np.sqrt(np.square(off - off.mean(axis=0)).sum(axis=-1).mean())) for off in (same, other))
     if apart > APART and left < 0.2 * apart:
         raise NotDeterminable(
-            f'wanted ball 1 at one place of the plate as the table turns, got places {1e6 * apart:.3g} um apart, and '
+            f'expected ball 1 at one place of the plate as the table turns, found places {1e6 * apart:.3g} um apart, '
+            f'and '
             f'balls to {1e6 * left:.2g} um for a table that turns the other way; correct the sense in which the angle '
             'of the table counts (I++: table.sign), or table.axis')
 
@@ -103,7 +105,8 @@ def rotation_of(axis: ArrayLike, x: ArrayLike | None = None) -> Floats:
         return axis_rotation(z)
     along = unit_axis(x)
     if abs(z @ along) > 1e-3:
-        raise InvalidData(f'wanted x perpendicular to the axis, got {np.rad2deg(np.arccos(z @ along)):.2f} deg between '
+        raise InvalidData(f'expected x perpendicular to the axis, found {np.rad2deg(np.arccos(z @ along)):.2f} deg '
+                          f'between '
                           'them')
     return rotation_along(z, along)
 
@@ -118,7 +121,7 @@ def refuse_other_axes(tables: Sequence[tuple[str, Floats | None]]) -> None:
     (first, one), *others = tables
     for name, other in others:
         if table_axis(other) @ table_axis(one) < np.cos(ALONG):
-            raise InvalidData('wanted runs of a table about one axis, got ' + ' and '.join(
+            raise InvalidData('expected runs of a table about one axis, found ' + ' and '.join(
                 f'{words(table_axis(rotation))}{"" if rotation is not None else ", as none is stated,"} in {which}'
                 for which, rotation in ((first, one), (name, other))) + '; evaluate them apart')
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors that a user can mend: each says what was wanted, what came, where, and what to do."""
+"""Errors that a user can mend: each says what was expected, what was found, where, and what to do."""
 
 import difflib
 import re
@@ -55,7 +55,7 @@ def unknown(name: str, known: Collection[str]) -> str:
     """Return the words for a name that is none of those known: these where they are few, and the nearest."""
     near = difflib.get_close_matches(name, known, 1) or [one for one in known if name and name in one]
     wanted = f'one of {", ".join(known)}' if len(known) <= MOST_LISTED else f'one of {len(known)} names'
-    return f'wanted {wanted}, got {name!r}{f"; did you mean {near[0]!r}?" if near else ""}'
+    return f'expected {wanted}, found {name!r}{f"; did you mean {near[0]!r}?" if near else ""}'
 
 
 def unknown_name(what: str, name: str, known: Collection[str], listed_by: str = '') -> str:

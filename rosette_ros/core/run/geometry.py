@@ -177,7 +177,8 @@ def table_frame(axis_points: ArrayLike, plane_points: ArrayLike) -> Frame:
     normal = _normal(plane_points, 'plane of the balls: centres of all balls')
     if abs(normal @ z) < 0.5:
         angle = np.rad2deg(np.arccos(abs(normal @ z)))
-        raise NotDeterminable('local frame: wanted the plane of the balls about perpendicular to the table axis, got '
+        raise NotDeterminable('local frame: expected the plane of the balls about perpendicular to the table axis, '
+                              'found '
                               f'{angle:.1f} deg between its normal and the axis; check that the targets are the balls '
                               'that were asked for')
     origin = on_axis + z * (normal @ (plane_points.mean(axis=0) - on_axis)) / (normal @ z)
@@ -195,10 +196,11 @@ def fitted_frame(points: ArrayLike, places: ArrayLike) -> Frame:
 
 def _normal(points: Floats, what: str) -> Floats:
     if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 3:
-        raise NotDeterminable(f'{what}: wanted at least 3 points, got shape {points.shape}')
+        raise NotDeterminable(f'{what}: expected at least 3 points, found shape {points.shape}')
     singular, vectors = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
     if singular[1] < 1e-6 * singular[0] or singular[0] == 0:
-        raise NotDeterminable(f'{what}: wanted points that span a plane, got points on a line; measure more positions')
+        raise NotDeterminable(f'{what}: expected points that span a plane, found points on a line; measure more '
+                              f'positions')
     return np.asarray(vectors[2])
 
 

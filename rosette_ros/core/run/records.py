@@ -249,41 +249,41 @@ def _check_rotation(record: Any) -> None:
     _freeze(record, ('rotation',), float)
     if record.rotation.shape != (3, 3) or not np.abs(record.rotation @ record.rotation.T - np.eye(3)).max() < 1e-6 or (
             np.linalg.det(record.rotation) < 0):
-        raise InvalidData(f'{getattr(record, "source", "error motions")}: rotation: wanted a rotation matrix of the '
-                          f'table frame in the machine frame, got {record.rotation.tolist()!r:.120}')
+        raise InvalidData(f'{getattr(record, "source", "error motions")}: rotation: expected a rotation matrix of the '
+                          f'table frame in the machine frame, found {record.rotation.tolist()!r:.120}')
 
 
 def _check_run(run: Run) -> None:
     where = run.source
     if run.n < 3:
-        raise InvalidData(f'{where}: wanted at least 3 balls, got n = {run.n}')
+        raise InvalidData(f'{where}: expected at least 3 balls, found n = {run.n}')
     if not (np.isfinite(run.radius) and run.radius > 0):
-        raise InvalidData(f'{where}: wanted a positive radius in metres, got {run.radius}')
+        raise InvalidData(f'{where}: expected a positive radius in metres, found {run.radius}')
     size = run.table_position.size
     if size == 0:
-        raise InvalidData(f'{where}: wanted ball centres, got none')
+        raise InvalidData(f'{where}: expected ball centres, found none')
     for name in _INTEGERS + _REALS:
         shape = (size, 3) if name in ('centre', 'cmm_sense') else (size,)
         got = getattr(run, name).shape
         if got != shape:
-            raise InvalidData(f'{where}: {name}: wanted shape {shape}, got {got}')
+            raise InvalidData(f'{where}: {name}: expected shape {shape}, found {got}')
     for name in ('table_position', 'ball'):
         values = getattr(run, name)
         bad = np.flatnonzero((values < 1) | (values > run.n))
         if bad.size:
-            raise InvalidData(f'{where}: reading {bad[0] + 1}: {name}: wanted 1..{run.n}, got {values[bad[0]]}')
+            raise InvalidData(f'{where}: reading {bad[0] + 1}: {name}: expected 1..{run.n}, found {values[bad[0]]}')
     for name in ('centre', 'table_angle', 'time', 'table_travel'):
         values = getattr(run, name).reshape(size, -1)
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if bad.size:
-            raise InvalidData(f'{where}: reading {bad[0] + 1}: {name}: wanted finite numbers, got {values[bad[0]]}')
+            raise InvalidData(f'{where}: reading {bad[0] + 1}: {name}: expected finite numbers, found {values[bad[0]]}')
     if not np.isfinite(run.table_offset):
-        raise InvalidData(f'{where}: table_offset: wanted a finite angle, got {run.table_offset}')
+        raise InvalidData(f'{where}: table_offset: expected a finite angle, found {run.table_offset}')
     if run.repeatability is not None and not is_size(run.repeatability):
-        raise InvalidData(f'{where}: repeatability: wanted a positive number of metres, got {run.repeatability}')
+        raise InvalidData(f'{where}: repeatability: expected a positive number of metres, found {run.repeatability}')
     by_axis = run.repeatability_axes
     if by_axis is not None and not (len(by_axis) == 3 and all(map(is_size, by_axis))):
-        raise InvalidData(f'{where}: repeatability_axes: wanted 3 positive numbers of metres, got {by_axis}')
+        raise InvalidData(f'{where}: repeatability_axes: expected 3 positive numbers of metres, found {by_axis}')
     _check_duplicates(run)
     _check_angles(run)
 
@@ -302,7 +302,7 @@ def _check_duplicates(run: Run) -> None:
         first, second = order[again[0]] + 1, order[again[0] + 1] + 1
         raise InvalidData(
             f'{run.source}: readings {first} and {second} are both table position {run.table_position[first - 1]}, '
-            f'ball {run.ball[first - 1]}; wanted each pair once. Remove one, or mark planned repeats')
+            f'ball {run.ball[first - 1]}; expected each pair once. Remove one, or mark planned repeats')
 
 
 def _check_angles(run: Run) -> None:
@@ -314,8 +314,8 @@ def _check_angles(run: Run) -> None:
     hint = '; the angles look like radians where degrees were wanted' if as_radians else ''
     position = run.table_position[first]
     raise InvalidData(
-        f'{run.source}: reading {first + 1}: table_angle: wanted about {360 * (position - 1) / run.n:.6g} deg for '
-        f'table position {position} of {run.n}, got {np.rad2deg(run.table_angle[first]) % 360:.6g} deg{hint}')
+        f'{run.source}: reading {first + 1}: table_angle: expected about {360 * (position - 1) / run.n:.6g} deg for '
+        f'table position {position} of {run.n}, found {np.rad2deg(run.table_angle[first]) % 360:.6g} deg{hint}')
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +345,7 @@ class ErrorMotions:
         """Return the record of six curves and their six uncertainties, each (n,); raises InvalidData."""
         columns = [np.asarray(one, dtype=float) for one in (angle, *curves, *spread)]
         if len({one.shape for one in columns}) > 1 or columns[0].ndim != 1:
-            raise InvalidData(f'error motions: wanted {len(columns) - 1} curves with a value at each angle, got '
+            raise InvalidData(f'error motions: expected {len(columns) - 1} curves with a value at each angle, found '
                               f'{", ".join(str(one.size) for one in columns)} values')
         values, u = (np.stack(half, axis=-1) for half in (columns[1:7], columns[7:]))
         return ErrorMotions(columns[0], values, u, rotation)

@@ -97,7 +97,7 @@ def best_members(n: int, size: int, what: str = 'CMM positions or balls') -> tup
     what: they are, in words. Raises InvalidPlan where so few do not determine them.
     """
     if not 1 <= size <= n:
-        raise InvalidPlan(f'{what} in use: wanted 1..{n}, got {size}')
+        raise InvalidPlan(f'{what} in use: expected 1..{n}, found {size}')
     if size == n:
         return tuple(range(n))
     if (n, size) in _KNOWN:
@@ -108,7 +108,7 @@ def best_members(n: int, size: int, what: str = 'CMM positions or balls') -> tup
     else:
         best = _exchanged(n, size)
     if not math.isfinite(best[0]):
-        raise InvalidPlan(f'{size} of {n} {what} do not determine the curves; wanted at least {fewest_members(n)}')
+        raise InvalidPlan(f'{size} of {n} {what} do not determine the curves; expected at least {fewest_members(n)}')
     return best[1]
 
 

@@ -64,8 +64,9 @@ class Scheme:
     def __post_init__(self) -> None:
         step = 360 / self.n
         if not 0 <= self.table_offset < np.deg2rad(step) * (1 - 1e-9):
-            raise InvalidPlan(f'table offset: wanted 0 to below {step:.6g} deg, the step of {self.n} table positions, '
-                              f'got {np.rad2deg(self.table_offset):.6g} deg')
+            raise InvalidPlan(f'table offset: expected 0 to below {step:.6g} deg, the step of {self.n} table '
+                              f'positions, '
+                              f'found {np.rad2deg(self.table_offset):.6g} deg')
         for name, usual in (('touches', 0), ('session', 1), ('wait', 0.0)):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.full(self.ball.size, usual))
@@ -266,7 +267,7 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
     determine the curves.
     """
     if isinstance(n, bool) or int(n) != n or n < 3:
-        raise InvalidPlan(f'number of balls: wanted a whole number of at least 3, got {n}; '
+        raise InvalidPlan(f'number of balls: expected a whole number of at least 3, found {n}; '
                           'with fewer the table, plate and CMM cannot be separated')
     n = int(n)
     order = order_name(order)
@@ -298,13 +299,13 @@ def chosen_places(n: int, order: str, cmm_positions: Sequence[int] = (),
     """
     for name, places in (('CMM positions', cmm_positions), ('balls', balls)):
         if any(place not in range(1, n + 1) for place in places) or len({*places}) < len(places):
-            raise InvalidPlan(f'{name} in use: wanted different ones of 1..{n}, got {", ".join(map(str, places))}')
+            raise InvalidPlan(f'{name} in use: expected different ones of 1..{n}, found {", ".join(map(str, places))}')
         if places and not np.isfinite(penalty(n, tuple(place - 1 for place in places))):
             best = best_members(n, max(len(places), fewest_members(n)))
             raise InvalidPlan(f'{name} in use: {", ".join(map(str, places))} of {n} do not determine the curves; '
-                              f'wanted others, such as {", ".join(str(k + 1) for k in best)}')
+                              f'expected others, such as {", ".join(str(k + 1) for k in best)}')
     if cmm_positions and balls:
-        raise InvalidPlan('wanted CMM positions or balls in use, got both; leave out one')
+        raise InvalidPlan('expected CMM positions or balls in use, found both; leave out one')
     if order in BACK and not cmm_positions and not balls:
         cmm_positions = tuple(k + 1 for k in best_members(n, max((n + 1) // 2, fewest_members(n))))
     return tuple(cmm_positions), tuple(balls)
@@ -327,8 +328,8 @@ def places_in_use(text: str, n: int, what: str = 'CMM positions or balls') -> tu
         count = round(float(text.strip(' %')) * n / 100) if '%' in text else (
             fewest_members(n) if text.strip() == FEWEST else int(text))
     except (ValueError, OverflowError):
-        raise InvalidPlan(f'{what} in use: wanted how many (6), a share (50 %), {FEWEST} or which (1, 5, 7, 10), '
-                          f'got {text!r:.80}') from None
+        raise InvalidPlan(f'{what} in use: expected how many (6), a share (50 %), {FEWEST} or which (1, 5, 7, 10), '
+                          f'found {text!r:.80}') from None
     return tuple(k + 1 for k in best_members(n, count, what))
 
 

@@ -82,12 +82,14 @@ def visible_shares(run: Run, terms: tuple[str, ...] = BASE_TERMS, names: tuple[s
 
 
 def strongest_first(run: Run, names: Sequence[str], terms: tuple[str, ...] = BASE_TERMS) -> tuple[str, ...]:
-    """Return effects of one size by what they do to the curves of a run, at a ball, the largest bias first."""
+    """Return effects of one size by what they do to the curves of a run, at a ball, the largest bias first.
+
+    Effects of one bias, up to the rounding of the processor, stay in the order of the library."""
     if not names:
         return ()
     bias = {one.name: float(np.max(one.bias * np.repeat([1.0, run.radius], 3)))
             for one in _of_unit_noise(run, tuple(terms), tuple(names))}
-    return tuple(sorted(names, key=lambda name: -bias[name]))
+    return tuple(sorted(names, key=lambda name: -float(f'{bias[name]:.6g}')))
 
 
 @lru_cache(maxsize=4096)

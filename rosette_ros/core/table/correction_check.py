@@ -157,7 +157,8 @@ def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Corr
     if before.angle.size != after.angle.size or np.abs(
             np.angle(np.exp(1j * (before.angle - after.angle)))).max() > 0.01 * TWO_PI / before.angle.size:
         first, second = (f'{one.angle.size} angles from {np.rad2deg(one.angle[0]):.4g}°' for one in (before, after))
-        raise InvalidData(f'verify: wanted two runs at the same angles of the table, got {first} before and {second} '
+        raise InvalidData(f'verify: expected two runs at the same angles of the table, found {first} before and '
+                          f'{second} '
                           'after the correction; measure both with the same balls and table offset')
     whole = replace(correction, corrected=CURVES)
     reversal = _in_senses(whole, before.angle, backward[1]) - _in_senses(whole, before.angle, backward[0])

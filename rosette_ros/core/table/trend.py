@@ -173,7 +173,7 @@ def find_events(days: Floats, quantities: Sequence[TimeSeries], temperature: Flo
     days: (m,) increasing; temperature: (m,) mean of each run, K or °C, NaN or None where not known. Raises InvalidData
     where the days do not increase."""
     if np.any(np.diff(days) < 0):
-        raise InvalidData('trend: wanted the runs in the order of time')
+        raise InvalidData('trend: expected the runs in the order of time')
     fits = _fits(days, quantities, temperature)
     if not fits:
         return ()
@@ -298,7 +298,7 @@ def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
     interval until now (ILAC-G24, a control chart with automatic adjustment). Raises InvalidData where there are fewer
     than LEAST_LINE runs at different times."""
     if len(days) < LEAST_LINE or np.ptp(days) <= 0:
-        raise InvalidData(f'forecast: wanted at least {LEAST_LINE} runs at different times, got {len(days)}')
+        raise InvalidData(f'forecast: expected at least {LEAST_LINE} runs at different times, found {len(days)}')
     since = days - days[-1]
     lines, covariance, rest = _lines(since, curves, u)
     last, dof = lines[0], len(days) - LEAST_LINE + 1

@@ -168,9 +168,9 @@ def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | N
     """
     run, inputs = fit.run, inputs or BudgetInputs()
     if run.n > MOST_BALLS:
-        raise InvalidData(f'{run.source}: budget: wanted at most {MOST_BALLS} balls, got {run.n}')
+        raise InvalidData(f'{run.source}: budget: expected at most {MOST_BALLS} balls, found {run.n}')
     if 'table_motions' not in fit.model.base:
-        raise InvalidData(f'{run.source}: budget: wanted a model with table_motions, got {fit.model}')
+        raise InvalidData(f'{run.source}: budget: expected a model with table_motions, found {fit.model}')
     touch = touch or _stated_touch(inputs)
     displaced = [*_form(fit, inputs, touch), *_temperature(fit, inputs)]
     sigma, dof = _noise_of(fit, displaced)
@@ -329,7 +329,8 @@ def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
         if section not in inputs:
             continue
         if not is_recorded and not inputs.value(section, 'range_K'):
-            raise InvalidData(f'{run.source}: budget: {section}: wanted range_K, as no temperature is recorded, got '
+            raise InvalidData(f'{run.source}: budget: {section}: expected range_K, as no temperature is recorded, '
+                              f'found '
                               'none')
         rows = (course[:, None] * (run.radius * radial(run.alpha)))[None] if section == 'plate_expansion' else np.stack(
             [course[:, None] * np.eye(3)[axis] for axis in range(3)])

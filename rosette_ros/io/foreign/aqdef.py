@@ -45,7 +45,7 @@ def read(text: str, source: str) -> ForeignTable | None:
 
     units = {one.get('K2142', '').casefold() for one in described.values()} - {''}
     if len(units) > 1:
-        raise InvalidData(f'{source}: K2142: wanted one unit of all coordinates, got {", ".join(sorted(units))}')
+        raise InvalidData(f'{source}: K2142: expected one unit of all coordinates, found {", ".join(sorted(units))}')
     fields = [(line, {**described.get(number, {}), **value}) for line, number, value in rows
               if value.get('K0002') not in _NO_VALUE]
     return ForeignTable.of_rows(

@@ -24,7 +24,7 @@ def read(text: str, source: str) -> ForeignTable | None:
     try:
         root = ET.fromstring(re.sub(r'^\s*<\?xml.*?\?>', '', text))
     except ET.ParseError as error:
-        raise InvalidData(f'{source}: wanted QIF (XML), got text that is none: {error}') from None
+        raise InvalidData(f'{source}: expected QIF (XML), found text that is none: {error}') from None
     name = {one: one.tag.rpartition('}')[2] for one in root.iter()}
     inside = {one: {name[part]: (part.text or '').strip() for part in one} for one in name}
     factor = next((inside[one].get('Factor', '') for unit in name if name[unit] == 'PrimaryUnits' for one in unit.iter(
@@ -39,11 +39,11 @@ def read(text: str, source: str) -> ForeignTable | None:
                     found.get('TimeStamp', '')]) for line, found in zip(lines, spheres)
             if len(place := found.get('Location', '').split()) == 3]
     if not rows:
-        raise InvalidData(f'{source}: wanted QIF results with measured spheres (SphereFeatureMeasurement with a '
-                          'Location), got none')
+        raise InvalidData(f'{source}: expected QIF results with measured spheres (SphereFeatureMeasurement with a '
+                          'Location), found none')
     with contextlib.suppress(ValueError):
         factor = f'{float(factor or 1):.6f}'.rstrip('0').rstrip('.')
     unit = factor
     if unit not in _METRES:
-        raise InvalidData(f'{source}: LinearUnit: wanted one of {", ".join(_METRES.values())}, got {factor} m')
+        raise InvalidData(f'{source}: LinearUnit: expected one of {", ".join(_METRES.values())}, found {factor} m')
     return ForeignTable.of_rows(COLUMNS.values(), rows, COLUMNS, _METRES[unit])

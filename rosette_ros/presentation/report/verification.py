@@ -177,17 +177,18 @@ def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) 
     """Return the Verification of runs in the order of ROLES; raises InvalidData where number, plates or table
     angles are wrong."""
     if len(runs) not in (4, 6):
-        raise InvalidData(f'--compare: wanted four runs or six, got {len(runs)}: (i) all corrected, (ii) plate '
+        raise InvalidData(f'--compare: expected four runs or six, found {len(runs)}: (i) all corrected, (ii) plate '
                           'turned, (iii) CMM correction off, (iv) axial correction off too, and perhaps '
                           'table angular correction off and on again')
     first, angle = runs[0][0].run, runs[0][0].error_motions.angle
     for fit, source in runs[1:]:
         if fit.run.n != first.n or not math.isclose(fit.run.radius, first.radius, rel_tol=1e-9):
-            raise InvalidData(f'{source.path}: wanted {first.n} balls on R = {text.millimetres(first.radius)} as in '
-                              f'{runs[0][1].path}, got {fit.run.n} on {text.millimetres(fit.run.radius)}')
+            raise InvalidData(f'{source.path}: expected {first.n} balls on R = {text.millimetres(first.radius)} as in '
+                              f'{runs[0][1].path}, found {fit.run.n} on {text.millimetres(fit.run.radius)}')
         if not same_angles(fit.error_motions.angle, angle):
-            raise InvalidData(f'{source.path}: wanted table angles from {np.rad2deg(angle[0]):.6g} deg on as in '
-                              f'{runs[0][1].path}, got them from {np.rad2deg(fit.error_motions.angle[0]):.6g} deg on; '
+            raise InvalidData(f'{source.path}: expected table angles from {np.rad2deg(angle[0]):.6g} deg on as in '
+                              f'{runs[0][1].path}, found them from {np.rad2deg(fit.error_motions.angle[0]):.6g} deg '
+                              f'on; '
                               'take runs at the same angles')
     members = tuple(VerificationRun(label, fit, source, apart)
                     for (label, apart), (fit, source) in zip(ROLES, runs, strict=False))
@@ -200,14 +201,14 @@ def read_maker(path: Path | str) -> MakerTable:
     try:
         lines = data.decode('utf-8-sig').splitlines()
     except UnicodeDecodeError as error:
-        raise InvalidData(f"{path}: wanted a readable table of the maker's corrections, got: {error}") from error
+        raise InvalidData(f"{path}: expected a readable table of the maker's corrections, found: {error}") from error
     rows = [cells_of(line, str(path), number) for number, line in enumerate(lines, 1)]
     if not rows or tuple(rows[0]) != MAKER_COLUMNS:
-        raise InvalidData(f'{path}: row 1: wanted the columns {",".join(MAKER_COLUMNS)}, got '
+        raise InvalidData(f'{path}: row 1: expected the columns {",".join(MAKER_COLUMNS)}, found '
                           f'{",".join(rows[0]) if rows else "an empty file"!r:.80}')
     numbers = np.array([_row_numbers(row, path, place) for place, row in enumerate(rows[1:], 2)]).reshape(-1, 3)
     if len(numbers) < 3:
-        raise InvalidData(f'{path}: wanted at least 3 rows of corrections, got {len(numbers)}')
+        raise InvalidData(f'{path}: expected at least 3 rows of corrections, found {len(numbers)}')
     return MakerTable(np.deg2rad(numbers[:, 0]), 1e-6 * numbers[:, 1], 1e-6 * numbers[:, 2])
 
 
@@ -217,7 +218,8 @@ def _row_numbers(row: list[str], path: Path | str, place: int) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != len(MAKER_COLUMNS) or not all(map(math.isfinite, numbers)):
-        raise InvalidData(f'{path}: row {place}: wanted {len(MAKER_COLUMNS)} finite numbers, got {",".join(row)!r:.80}')
+        raise InvalidData(f'{path}: row {place}: expected {len(MAKER_COLUMNS)} finite numbers, found '
+                          f'{",".join(row)!r:.80}')
     return numbers
 
 

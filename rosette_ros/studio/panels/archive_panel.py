@@ -92,7 +92,7 @@ class ArchivePanel:
             view, questions = map(importlib.import_module, (
                 'rosette_ros.studio.archive_view', 'rosette_ros.archive.archive_questions'))
         except ImportError as error:
-            self._fail(InvalidData(f'archive: wanted the Python package {error.name}, got none; install '
+            self._fail(InvalidData(f'archive: expected the Python package {error.name}, found none; install '
                                    'distributed, duckdb, fsspec and pyarrow'))
             return
         equal = {'table': self._table.value} if self._runs and self._table.value else {}
@@ -143,7 +143,7 @@ class ArchivePanel:
     async def _draw_curves(self, less_first: bool) -> None:
         keys, least = [one['key'] for one in self._list.selected], 2 if less_first else 1
         if self._runs is None or not least <= len(keys) <= MOST_CURVES:
-            raise InvalidData(f'wanted {least} to {MOST_CURVES} runs to be chosen in the list, got {len(keys)}')
+            raise InvalidData(f'expected {least} to {MOST_CURVES} runs to be chosen in the list, found {len(keys)}')
         view = importlib.import_module('rosette_ros.studio.archive_view')
         curves: list[tuple[str, ErrorMotions]] = await asyncio.to_thread(
             view.curves_of, self._folder.value.strip(), keys, self._runs.model)
@@ -160,7 +160,7 @@ class ArchivePanel:
         tables = {one['table'] for one in self._list.rows}
         table = self._table.value or (tables.pop() if len(tables) == 1 else None)
         if table is None:
-            raise InvalidData('wanted one table to be chosen, got several in the list')
+            raise InvalidData('expected one table to be chosen, found several in the list')
         view = importlib.import_module('rosette_ros.studio.archive_view')
         folder, model = self._folder.value.strip(), self._runs.model
         trend: TableTrend = await self._controller.ask('trend', view.table_trend, folder, table, model)

@@ -234,7 +234,7 @@ class CellWatchers:
                 try:
                     module = importlib.import_module('rosette_ros.studio.cell_watcher')
                 except ImportError as error:
-                    raise CellError(f'live cell: wanted ROS 2 (rclpy and rosette_msgs), got: {error}; start the '
+                    raise CellError(f'live cell: expected ROS 2 (rclpy and rosette_msgs), found: {error}; start the '
                                     'studio in a ROS 2 workspace in which they are built') from error
                 while len(self._watchers) >= MOST_CELLS:
                     self._watchers.pop(next(iter(self._watchers))).close()

@@ -67,7 +67,7 @@ def input_field(element: Element, mark: str, style: str = '') -> Element:
 def whole_field(words: str, value: int | None, known: range, mark: str) -> ui.number:
     """Return a field for a whole number; what is no such number is refused by `validate`."""
     made = ui.number(words, value=value, validation={
-        f'wanted a whole number from {known[0]} to {known[-1]}': lambda given: given is None or given in known})
+        f'expected a whole number from {known[0]} to {known[-1]}': lambda given: given is None or given in known})
     return input_field(made.props('hide-bottom-space debounce=400'), mark, 'width: 150px')
 
 
