@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, State, allowed, log_mean, with_priors
+from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, State, allowed, log_mean
 from rosette_ros.core.diagnosis.noise_kinds import Beside, NoiseKinds
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.effect import Setting
@@ -16,6 +16,7 @@ from rosette_ros.core.model.noise import Whitening
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.core.sight.bank import Bank, CoordinateSpace, columns_of, families_of
+from rosette_ros.core.sight.priors import with_priors
 
 RADIUS = 0.18
 NOISES = {'white': (np.ones(3), 0.0, np.zeros(3)), 'unequal': (np.array([1.0, 1.0, 2.0]), 0.0, np.zeros(3)),

@@ -7,8 +7,7 @@ the readings (of a free course: of the sizes of its process),
     y | H ~ N(0, sigma^2 [1 + sum_i tau_i^2 M D_i' D_i M]),   p(sigma) ~ 1 / sigma,   ln tau_i uniform over SIZES,
 
 in white coordinates of the noise. Settings are uniform over their grid and summed over. The prior of a set of members
-is a Poisson process, k of one family among k! orders: EXPECTED members in a run, A_FREE of which have no name, shared
-out evenly over the families but for what each has to find, SEARCHED.
+is a Poisson process, k of one family among k! orders, with the rates of core/sight/priors.py.
 """
 
 import copy
@@ -32,12 +31,6 @@ MANY = 4
 """Columns over rows of members from which on these are the less work."""
 ROUNDING = 1e-5
 """Square of the sensitivity to a direction below which single precision says nothing of it."""
-EXPECTED = 1.0
-"""Effects that a run which is diagnosed is expected to have: calibrated on simulated clean runs."""
-A_FREE = 0.2
-"""Share of the causes in cells that the library does not name."""
-SEARCHED = 1.0
-"""Each number that has to be searched makes a cause rarer by e: so many particular things are seldom true."""
 NEAR = 9.0
 """Log evidence by which an estimate, on the grid or of a kind of noise, may be wrong: what is worse by more than this
 is not looked at."""
@@ -396,15 +389,3 @@ class State:
                 out.append(Suggestion(whole + prior, family, family.settings[best], whole - float(value[best]),
                                       tuple(family.settings[place] for place in next_best)))
         return sorted(out, key=lambda one: -one.gain)
-
-
-def with_priors(families: Sequence[CauseFamily]) -> Sequence[CauseFamily]:
-    """Share the expected effects out over the families of a run, and return these."""
-    for is_free in (False, True):
-        some = [family for family in families if family.is_free == is_free]
-        weight = np.array([math.exp(-SEARCHED * (family.name.count('×') if is_free else sum(
-            one.kind != 'choice' for one in family.effect.searched))) for family in some])
-        share = EXPECTED * (A_FREE if is_free else 1 - A_FREE)
-        for family, own in zip(some, weight / weight.sum() if len(some) else ()):
-            family.log_prior = math.log(share * own)
-    return families

@@ -14,7 +14,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.base_terms import missing_base
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.hypotheses import Looked, Search
-from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, Place, with_priors
+from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, Place
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, choose
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
@@ -24,6 +24,7 @@ from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
 from rosette_ros.core.run.records import Floats, Run, resolution_of
 from rosette_ros.core.sight.bank import Bank, families_of
+from rosette_ros.core.sight.priors import with_priors
 
 HOPEFUL = 12
 """Sets of variables whose free courses are looked at under other noise: those that explain most in white noise."""

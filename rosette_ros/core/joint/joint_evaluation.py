@@ -139,7 +139,8 @@ class JointResult:
             covariance = np.zeros((3 * readings.size, 3 * readings.size))
             if (run := readings.run) is not None:
                 look = partial(self.solution.look, place, run.table_offset)
-                covariance, rows = hidden_covariance(run, self.environment or LABORATORY, self.rms or 1.0, look)
+                covariance, rows = hidden_covariance(
+                    run, self.environment or LABORATORY, self.rms or 1.0, self.solution.dof, look)
                 for name, some in rows.items():
                     factors.setdefault(name, []).append((place, some))
             every.append(covariance / (self.sigma or 1.0)**2)

@@ -4,10 +4,12 @@
     y = B b + C a + sum over effects e of D_e a_e + noise,    b flat,    a ~ N(0, s^2), s of each column
 
 B is the base model, C what a model claims, D_e the columns of an effect at a few settings. An effect is there with the
-probability pi, at any of its K settings k alike, and then of the size s = size stated / sqrt(pi). The readings judge
-it: with the columns E of D_k that base and claims leave, in units of the noise, as the residual r is, E E' v = l v,
+probability pi, of the odds that the diagnosis has (core/sight/priors.py), at any of its K settings k alike, and then of
+the size s = size stated / sqrt(pi). The readings judge it by the same log Bayes factor as there, m their degrees of
+freedom: with the columns E of D_k that base and claims leave, over the noise, as the residual r is, E E' v = l v,
 
-    ln BF_k = 1/2 sum over v of (s^2 (v' E r)^2 / (1 + s^2 l) - ln(1 + s^2 l)),    w_k = pi / (1 - pi) BF_k / K
+    ln BF_k = -1/2 sum over v of ln(1 + s^2 l) - m/2 ln(1 - sum over v of s^2 (v' E r)^2 / (1 + s^2 l) / r'r)
+    w_k = pi / (1 - pi) BF_k / K
 
 and D_k enters with the variance s^2 w_k / (1 + sum of w). Where the order shows nothing BF is 1, and the variance from
 run to run remains that is stated; where it shows that nothing is there it goes to 0. See docs/uncertainty.md.
@@ -29,13 +31,13 @@ from rosette_ros.core.model.least_squares import fit as fit_of
 from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.core.run.scheme import nominal_places
+from rosette_ros.core.sight.bank import CauseFamily
 from rosette_ros.core.sight.bayes_factor import log_bayes_factor
+from rosette_ros.core.sight.priors import with_priors
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.mixture import Mixture
 from rosette_ros.core.uncertainty.stated_environment import KINDS, LABORATORY, Environment, Unseen
 
-EXPECTED = 2.0
-"""Effects that are there in a run, of all that may be."""
 MOST_SETTINGS = 120
 """Settings that stand for all of an effect."""
 CAGE = (0.37, 0.39, 0.41, 0.43, 0.45, 0.47)
@@ -258,7 +260,7 @@ def _blocks(fit: Fit, environment: Environment, own: Floats) -> Iterator[_Effect
             part = seen[begin:begin + one.shape[0] * one.shape[1]].reshape(*one.shape[:2], -1)
             looked.append((part @ np.swapaxes(part, 1, 2), part @ left))
             begin += one.shape[0] * one.shape[1]
-        there, spread = several.judged(looked)
+        there, spread = several.judged(looked, fit.dof)
         keep = np.max((spread[:, None, None] * found.curves)**2 / least, axis=(1, 2)) > 1
         if np.any(keep):
             yield _EffectBlock(name, there, spread[keep], rows[keep], found.curves[keep].reshape(-1, 6 * run.n))
@@ -272,11 +274,11 @@ class _Several(NamedTuple):
     slab: float
     odds: float
 
-    def judged(self, looked: Sequence[tuple[Floats, Floats]]) -> tuple[float, Floats]:
+    def judged(self, looked: Sequence[tuple[Floats, Floats]], dof: int) -> tuple[float, Floats]:
         """Return the probability that it is there, and the standard deviation of each amplitude.
 
-        looked: of each array of columns E E' (b, q, q) and E r (b, q), in units of the noise."""
-        log = np.log(self.odds) + np.concatenate([_log_bayes(*one, self.slab) for one in looked])
+        looked: of each array of columns E E' (b, q, q) and E r (b, q), over the rms of r; dof: of r."""
+        log = np.log(self.odds) + np.concatenate([_log_bayes(*one, self.slab, dof) for one in looked])
         p = np.exp(log - np.logaddexp.reduce([0.0, *log]))
         return float(p.sum()), self.slab * np.sqrt(np.repeat(p, [one.shape[1] for one in self.columns for _ in one]))
 
@@ -284,22 +286,24 @@ class _Several(NamedTuple):
 def _effects(run: Run, environment: Environment, claimed: Collection[str] = ()) -> Iterator[tuple[str, _Several]]:
     """Yield what may be there in a run, by name; claimed: effects that have left the environment."""
     sizes = at_ball(environment, run)
-    pi = EXPECTED / (len(sizes) + EXPECTED)
-    for name in (one for one in sizes if one not in claimed):
-        columns = list(_columns(run, EFFECTS[name]))
-        yield name, _Several(columns, sizes[name] / pi**0.5, pi / (1 - pi) / sum(map(len, columns)))
+    for family in with_priors([CauseFamily(EFFECTS[name], name, _settings(run)[name]) for name in sizes]):
+        if family.name not in claimed:
+            columns, odds = list(_columns(run, EFFECTS[family.name])), float(np.exp(family.log_prior))
+            pi = odds / (1 + odds)
+            yield family.name, _Several(columns, sizes[family.name] / pi**0.5, odds / len(family.settings))
 
 
-def hidden_covariance(run: Run, environment: Environment, noise: float,
+def hidden_covariance(run: Run, environment: Environment, noise: float, dof: int,
                       look: Callable[[Floats], tuple[Floats, Floats]]) -> tuple[Floats, dict[str, Floats]]:
     """Return the covariance of what may be there in a run, (3 N, 3 N), m^2, and its factors by effect, (k, 3 N), m;
     both in the axes of table angle 0.
 
-    look: returns E E' and E r, m^2, of columns (b, q, N, 3) in the evaluation of which the run is a part; noise: m."""
+    look: returns E E' and E r, m^2, of columns (b, q, N, 3) in the evaluation of which the run is a part; noise, dof:
+    rms of its residual, m, and degrees of freedom."""
     factors = {}
     for name, several in _effects(run, environment):
         looked = [tuple(one / noise**2 for one in look(columns)) for columns in several.columns]
-        spread = several.judged(looked)[1]  # type: ignore[arg-type]
+        spread = several.judged(looked, dof)[1]  # type: ignore[arg-type]
         factors[name] = spread[:, None] * np.concatenate([
             rotate_z(run.table_offset, one).reshape(-1, 3 * run.size) for one in several.columns])
     return np.asarray(sum((one.T @ one for one in factors.values()), np.zeros((3 * run.size, 3 * run.size)))), factors
@@ -344,9 +348,9 @@ def _settings(run: Run) -> dict[str, tuple[Setting, ...]]:
     return out
 
 
-def _log_bayes(square: Floats, told: Floats, size: float) -> Floats:
+def _log_bayes(square: Floats, told: Floats, size: float, dof: int) -> Floats:
     """Return ln BF of blocks of amplitudes of a size against nothing, (b,), from E E' (b, q, q) and E r (b, q)."""
     value, vector = np.linalg.eigh(square)
     along = np.einsum('bqd,bq->bd', vector, told)
     grown = 1 + size**2 * np.maximum(value, 0)
-    return log_bayes_factor(np.log(grown).sum(axis=1), np.sum(along**2 * size**2 / grown, axis=1))
+    return log_bayes_factor(np.log(grown).sum(axis=1), np.sum(along**2 * size**2 / grown, axis=1), float(dof), dof)
