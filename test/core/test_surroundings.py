@@ -65,9 +65,9 @@ def test_what_is_there_moves_the_curves_back(make_run):
 def test_a_slip_between_table_positions_counts(make_run):
     """In the order row a slip while the table moves is wholly in the curves, one between two balls of a position shows.
 
-    Of 118 moments some are of the first kind, up to 11: with w = odds / 118 of each, those of the only effect with a
-    name, 0.8, they have p = w / (1 + 11 w) and S^2 / pi, pi = 0.8 / 1.8, a third of it along each axis of the plate,
-    and shift the curves from there on, less what no run knows."""
+    Of 118 moments some are of the first kind, up to 11: with w = pi / (1 - pi) / 118 of each, pi = 2 / 3 of a single
+    effect, they have p = w / (1 + 11 w) and S^2 / pi, a third of it along each axis of the plate, and shift the curves
+    from there on, less what no run knows."""
     one = fit(make_run(12, 'row', noise=NOISE)[0])
     made = surrounded(one, only('plate_slip', 1e-6))
     added = np.sqrt(np.mean((made.error_motions.u**2 - one.error_motions.u**2)[:, :2]))
@@ -76,8 +76,8 @@ def test_a_slip_between_table_positions_counts(make_run):
         curves = np.zeros((12, 6))
         curves[moment:, 0], curves[moment:, 1] = np.cos(angle[moment:]), np.sin(angle[moment:])
         square += 2 * np.mean(remove_gauge(curves)[:, :2]**2)  # along the other axis of the plate as much
-    w = 0.8 / 118
-    assert added == pytest.approx(1e-6 * np.sqrt(square * 2.25 / 3 * w / (1 + 11 * w)), rel=0.15)  # 9 to 11 moments
+    w = 2 / 118
+    assert added == pytest.approx(1e-6 * np.sqrt(square * 1.5 / 3 * w / (1 + 11 * w)), rel=0.15)  # 9 to 11 moments
 
 
 def test_claims_leave_the_environment_and_have_a_prior(make_run):

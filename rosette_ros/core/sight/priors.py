@@ -2,7 +2,8 @@
 """How likely a run has an effect, before its readings are looked at: one answer for the diagnosis and for U.
 
 Effects come as a Poisson process: EXPECTED in a run, of which A_FREE have no name, shared out over the families that
-are looked at but for what each has to find, SEARCHED. The odds that a family is there are its rate, exp(log_prior).
+are looked at but for what each has to find, SEARCHED. The odds that a family is there are its rate, exp(log_prior). A
+diagnosis looks for those that can be seen, SEEN of all; U is of all.
 """
 
 import math
@@ -12,21 +13,26 @@ import numpy as np
 
 from rosette_ros.core.sight.bank import CauseFamily
 
-EXPECTED = 1.0
-"""Effects that a run is expected to have: calibrated on simulated clean runs."""
+EXPECTED = 2.0
+"""Effects that a run is expected to have, of any size."""
+SEEN = 0.5
+"""Share of them that are large enough to be looked for: EXPECTED x SEEN is calibrated on simulated clean runs."""
 A_FREE = 0.2
 """Share of the causes in cells that the library does not name."""
 SEARCHED = 1.0
 """Each number that has to be searched makes a cause rarer by e: so many particular things are seldom true."""
 
 
-def with_priors(families: Sequence[CauseFamily]) -> Sequence[CauseFamily]:
-    """Share the expected effects out over the families of a run, and return these."""
+def with_priors(families: Sequence[CauseFamily], seen: float = SEEN) -> Sequence[CauseFamily]:
+    """Share the expected effects out over the families of a run, and return these.
+
+    seen: share of the effects that are meant, 1 for those of any size."""
+    free = A_FREE if any(family.is_free for family in families) else 0.0
     for is_free in (False, True):
         some = [family for family in families if family.is_free == is_free]
         weight = np.array([math.exp(-SEARCHED * (family.name.count('×') if is_free else sum(
             one.kind != 'choice' for one in family.effect.searched))) for family in some])
-        share = EXPECTED * (A_FREE if is_free else 1 - A_FREE)
+        share = EXPECTED * seen * (free if is_free else 1 - free)
         for family, own in zip(some, weight / weight.sum() if len(some) else ()):
             family.log_prior = math.log(share * own)
     return families

@@ -4,9 +4,10 @@
     y = B b + C a + sum over effects e of D_e a_e + noise,    b flat,    a ~ N(0, s^2), s of each column
 
 B is the base model, C what a model claims, D_e the columns of an effect at a few settings. An effect is there with the
-probability pi, of the odds that the diagnosis has (core/sight/priors.py), at any of its K settings k alike, and then of
-the size s = size stated / sqrt(pi). The readings judge it by the same log Bayes factor as there, m their degrees of
-freedom: with the columns E of D_k that base and claims leave, over the noise, as the residual r is, E E' v = l v,
+probability pi, by the rates that the diagnosis has (core/sight/priors.py) for any size, at any of its K settings k
+alike, and then of the size s = size stated / sqrt(pi). The readings judge it by the same log Bayes factor as there, m
+their degrees of freedom: with the columns E of D_k that base and claims leave, over the noise, as the residual r is,
+and E E' v = l v,
 
     ln BF_k = -1/2 sum over v of ln(1 + s^2 l) - m/2 ln(1 - sum over v of s^2 (v' E r)^2 / (1 + s^2 l) / r'r)
     w_k = pi / (1 - pi) BF_k / K
@@ -286,7 +287,8 @@ class _Several(NamedTuple):
 def _effects(run: Run, environment: Environment, claimed: Collection[str] = ()) -> Iterator[tuple[str, _Several]]:
     """Yield what may be there in a run, by name; claimed: effects that have left the environment."""
     sizes = at_ball(environment, run)
-    for family in with_priors([CauseFamily(EFFECTS[name], name, _settings(run)[name]) for name in sizes]):
+    families = [CauseFamily(EFFECTS[name], name, _settings(run)[name]) for name in sizes]
+    for family in with_priors(families, seen=1.0):
         if family.name not in claimed:
             columns, odds = list(_columns(run, EFFECTS[family.name])), float(np.exp(family.log_prior))
             pi = odds / (1 + odds)
