@@ -153,10 +153,7 @@ def test_a_foreign_shape_has_no_name():
     """No effect is claimed; body, direction and variables are told, those of a ball with its number."""
     wrong = {}
     for kind, (displacement, variables, motion) in FOREIGN.items():
-        run = measured(displacement, 'diagonal' if kind == 'a plate that swings once' else 'random', 40.0)
-        if kind == 'a plate that swings once':  # which a temperature and what lags it make in this order, too
-            run = run.replace(temperature=np.full(run.size, np.nan))
-        found = find(run)
+        found = find(measured(displacement, 'diagonal' if kind == 'a plate that swings once' else 'random', 40.0))
         told = {(one.driven_by, one.motion) for one in found.unnamed}
         if (found.missing or len(told) != 1 or found.verdict.outcome != Outcome.UNNAMED
                 or not any(frozenset(variables) in sets and along == motion for sets, along in told)

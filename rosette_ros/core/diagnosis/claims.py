@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -24,14 +25,19 @@ class Claims:
     """What is said of the best hypothesis of a search; members: those claimed, of which `named` are the effects."""
 
     def __init__(self, search: RunSearch) -> None:
-        self._search, self._chosen, self._run = search, search.chosen, search.run
+        self._search, self._run = search, search.run
+
+    @cached_property
+    def chosen(self) -> State:
+        """The best hypothesis: of laws that may be parts of one that the grammar lacks, this without a name."""
+        return opened(self._search.chosen)
 
     # What moves with what
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What the members of the best hypothesis say moves with what, the likeliest first."""
-        said = {one.place: self._as_moving(place) for place, one in enumerate(self._chosen.members)}
+        said = {one.place: self._as_moving(place) for place, one in enumerate(self.chosen.members)}
         found = causes_of(self._search.posterior, self._run, said)
         return tuple(sorted((replace(one, law_certain=self._is_certain(one)) for one in found),
                             key=lambda one: -one.probability))
@@ -39,7 +45,7 @@ class Claims:
     def _as_moving(self, place: int) -> Cause:
         """Return what a member says, with the bodies whose motion by its course describes what the readings show of it.
         """
-        member, state = self._chosen.members[place], self._chosen
+        member, state = self.chosen.members[place], self.chosen
         own, course = motion_of(self._run, member.place), course_of(self._run, member.place)
         if course is None:
             return own
@@ -66,12 +72,12 @@ class Claims:
         the readings stands for the time or travel that it is a law of."""
         places = frozenset(PLACES)
         if (len(cause.names) != 1 or cause.law_probability < SURE
-                or any(one.family.is_free for one in self._chosen.members)
+                or any(one.family.is_free for one in self.chosen.members)
                 or any(not places.isdisjoint(some) and not places.issuperset(some) for some in cause.variables)):
             return False
 
-        place = next(k for k, one in enumerate(self._chosen.members) if one.place in cause.places)
-        member, rest = self._chosen.members[place], self._chosen.without(place)
+        place = next(k for k, one in enumerate(self.chosen.members) if one.place in cause.places)
+        member, rest = self.chosen.members[place], self.chosen.without(place)
         motion, own = motion_of(self._run, member.place), float(rest.line(member.rows).max())
         if any(motion.agrees(motion_of(self._run, one.place)) or _goes_alike(one, member) for one in rest.members):
             return False
@@ -95,7 +101,7 @@ class Claims:
 
         What stands beside a larger motion without a name, or one of the same body and variable, may be a part of it,
         and what moves most likely by no law has no name: neither is claimed."""
-        members, named = self._chosen.members, self._search.posterior.named
+        members, named = self.chosen.members, self._search.posterior.named
         free = [one for one in members if one.family.is_free]
         out = [one for place, one in enumerate(members)
                if one.name in named and self._is_guarded(place) and not any(
@@ -109,7 +115,7 @@ class Claims:
     @cached_property
     def named(self) -> tuple[MissingEffect, ...]:
         """The members that are claimed as effects."""
-        named, members = self._search.posterior.named, self._chosen.members
+        named, members = self._search.posterior.named, self.chosen.members
         return tuple(replace(named[one.name], setting=one.setting, cause=self._cause_of(one),
                              p=self._p_of_member(members.index(one)), visible_fraction=shown(one))
                      for one in self.members)
@@ -118,7 +124,7 @@ class Claims:
     def unnamed(self) -> tuple[MissingEffect, ...]:
         """The members without a name that noise does not explain."""
         out = []
-        for place, one in enumerate(self._chosen.members):
+        for place, one in enumerate(self.chosen.members):
             if one.family.is_free and self._is_guarded(place):
                 cause = self._cause_of(one)
                 out.append(MissingEffect(one.family.effect.name, one.setting, cause=cause, together=cause.probability,
@@ -141,8 +147,8 @@ class Claims:
 
     def _p_of_member(self, place: int) -> float:
         """Return the probability that noise makes anything worth as much as a member of the best hypothesis."""
-        member = self._chosen.members[place]
-        offers = self._chosen.without(place).offers(member.family.is_free)
+        member = self.chosen.members[place]
+        offers = self.chosen.without(place).offers(member.family.is_free)
         return self._search.p(next((one.gain for one in offers if one.family is member.family), -np.inf))
 
     def _is_guarded(self, place: int) -> bool:
@@ -151,14 +157,14 @@ class Claims:
     @cached_property
     def _of_tail(self) -> frozenset[int]:
         """The places of the wrong readings that do not stand out of the tail that the other readings have."""
-        members = self._chosen.members
+        members = self.chosen.members
         readings = {place: one.setting.whole('reading') - 1 for place, one in enumerate(members)
                     if 'reading' in one.setting}
         if not readings:
             return frozenset()
 
-        others = self._unweighted(self._chosen)
-        own = {place: self._unweighted(self._chosen.without(place))[row] for place, row in readings.items()}
+        others = self._unweighted(self.chosen)
+        own = {place: self._unweighted(self.chosen.without(place))[row] for place, row in readings.items()}
         out: set[int] = set()
         for place in sorted(readings, key=lambda one: float(own[one] @ own[one])):
             rest = np.delete(others, [row for one, row in readings.items() if one not in out], axis=0)
@@ -171,6 +177,29 @@ class Claims:
         """Return what a state leaves of the readings, (N, 3), without the weights of a tail."""
         left, base = state.residual.reshape(-1, 3), self._search.base
         return np.asarray(base.joint.whitening.inverse(left[None])[0]) if base.noise.tail else left.copy()
+
+
+def opened(state: State) -> State:
+    """Return a hypothesis of which two laws of one body and variable are a course without a name, where they may be.
+
+    Two laws that are parts of another one have much the same likelihood as any course of the same body with the same
+    variable; two that are there have not, as a course that would do for both would do for much else."""
+    run, evidence = state.evidence.run, state.evidence
+    for one, other in combinations(state.members, 2):
+        causes = [motion_of(run, some.place) for some in (one, other)]
+        if any(some.family.is_free for some in (one, other)) or not causes[0].agrees(causes[1]):
+            continue
+        rest = State(evidence, [some for some in state.members if some not in (one, other)], is_sized=True)
+        own = state.likelihood - rest.likelihood
+        bodies = frozenset(causes[0].bodies) & frozenset(causes[1].bodies)
+        alone = [frozenset([name]) for name in causes[0].may_be & causes[1].may_be]
+        free = [evidence.member(family, setting, 0.0) for family in evidence.bank.families if family.is_free
+                for setting in family.settings
+                if family.effect.moved(setting) == bodies and family.effect.driven_by(setting) in alone]
+        best = max(free, key=lambda some: rest.line(some.rows).max(), default=None)
+        if best and rest.line(best.rows).max() >= own - max(NEAR_LAW * own, 2.0):
+            return opened(State(evidence, (*rest.members, best)))
+    return state
 
 
 def _goes_alike(one: Member, other: Member) -> bool:

@@ -160,7 +160,7 @@ class RunDiagnosis:
         unavailable = tuple((name, reason) for name, effect in effects_of(self.search.run).items()
                             if (reason := why_not_judged(effect, self.search.run)))
         return replace(found, candidates=(*found.claimed, *others), unavailable=(*unavailable, *refused),
-                       recovered=recovered_shapes(self.search.chosen, members))
+                       recovered=recovered_shapes(self.claims.chosen, members))
 
 
 @lru_cache(maxsize=1)
