@@ -124,7 +124,7 @@ def titles(every: Iterable[str]) -> str:
 def unexplained_words(verdict: Verdict) -> str:
     """Return what no named effect explains, empty where nothing is left."""
     return '; '.join(map(unnamed_words, verdict.unnamed)) or (
-        _against_repeatability(verdict.after, verdict.noise) if verdict.unexplained and verdict.after else '')
+        _against_repeatability(verdict.after) if verdict.unexplained and verdict.after else '')
 
 
 def unnamed_words(one: MissingEffect) -> str:
@@ -207,20 +207,26 @@ def _outcome(verdict: Verdict) -> list[str]:
             lacks = (f'{what}. With {it} the residual standard deviation falls from {micrometres(before.rms)} to '
                      f'{micrometres(after.rms)}{known}.')
             scatters = [f'Even with {it}, the readings scatter more than stated: '
-                        f'{_against_repeatability(after, verdict.noise)}.'] * (after.scatters and not verdict.unnamed)
+                        f'{_against_repeatability(after)}.'] * (after.scatters and not verdict.unnamed)
             return [lacks, *_unnamed_sentences(verdict.unnamed), *scatters, *basis]
         case Outcome.UNNAMED | Outcome.SUSPECTED:
             return [*_unnamed_sentences(verdict.unnamed), *basis]
         case Outcome.SCATTERS:
-            return [f'The readings scatter more than stated: {_against_repeatability(after, verdict.noise)}.']
+            return [f'The readings scatter more than stated: {_against_repeatability(after)}.']
         case Outcome.NO_REPEATABILITY:
             shows = 'is' if verdict.noise.is_correlated else 'shows no structure and is'
             return ['Whether the model fits cannot be said, as the repeatability is not known; the residual '
                     f'{shows} {micrometres(before.rms)}.']
         case Outcome.DOUBTFUL_READINGS:
-            return [f'The model fits: {_against_repeatability(before, verdict.noise)}. The readings themselves are in '
-                    'doubt.']
-    return [f'The model fits: {_against_repeatability(before, verdict.noise)}.', *unseen_sentences(verdict.unseen)]
+            return [f'{_fits(verdict, before)} The readings themselves are in doubt.']
+    return [_fits(verdict, before), *unseen_sentences(verdict.unseen)]
+
+
+def _fits(verdict: Verdict, residual: Residual) -> str:
+    """Return that a model fits; of a residual that has structure only that no effect of the grammar explains it."""
+    if verdict.has_structure:
+        return f'No missing effect is found, but {_against_repeatability(residual)}.'
+    return f'The model fits: {_against_repeatability(residual)} and shows no structure.'
 
 
 def unseen_sentences(one: Unseen | None) -> list[str]:
@@ -321,9 +327,8 @@ def _reading(one: WrongReading) -> str:
             f'{micrometres(one.size)} along {one.axis}')
 
 
-def _against_repeatability(residual: Residual, noise: NoiseFacts) -> str:
-    """Return how large the residual is against the stated repeatability, and whether it shows structure; empty where
-    none is stated."""
+def _against_repeatability(residual: Residual) -> str:
+    """Return how large the residual is against the stated repeatability; empty where none is stated."""
     known, p = residual.repeatability, residual.p
     if known is None or p is None:
         return ''
@@ -331,7 +336,7 @@ def _against_repeatability(residual: Residual, noise: NoiseFacts) -> str:
     part = (f', {multiple(residual.quietest * ratio)} times in its quietest part'
             if residual.quietest < 0.5 else '')
     return (f'the residual of {micrometres(residual.rms)} is {multiple(ratio)} times the stated repeatability of '
-            f'{micrometres(known)}{part} ({p_words(p)}){"" if noise.is_correlated else " and shows no structure"}')
+            f'{micrometres(known)}{part} ({p_words(p)})')
 
 
 def _actions(verdict: Verdict) -> list[str]:

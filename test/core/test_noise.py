@@ -237,11 +237,24 @@ def test_a_repeatability_is_that_of_its_place():
     verdict, found = judge(run), analyse(run)
     assert verdict.outcome == Outcome.NOISE
     said = verdict_text(verdict).sentence
-    assert all(f'{one} 10 ' in said for one in ('ball', 'part')) and 'cannot distinguish it from ' in said
+    assert all(f'{one} 10 ' in said for one in ('ball', 'part')) and said.startswith('No missing effect is found, but ')
+    assert 'cannot distinguish it from ' in said
     assert found.sigma == found.rms and found.sigma_source == 'residuals (the noise is not equal)'
     slow = Noise(by='time', factors=np.array([0.8, 1.0, 1.25]))  # the check was made one part before the run
     assert slow.quietest == pytest.approx(0.8) and Noise(by='ball', factors=slow.factors).quietest == 0.8
     assert Noise(by='time', factors=np.array([0.8, 1.2, 0.7, 1.5])).quietest < 0.55
+
+
+def test_neighbours_that_are_alike_are_no_white_noise():
+    """Of white noise one run in a hundred has such neighbours; of readings that share half with the next one, all."""
+    p = {False: [], True: []}
+    for seed in range(40):
+        run, *_ = synthetic_run(12, 'random', seed)
+        noise = SIGMA * np.random.default_rng(seed).standard_normal((145, 3))
+        for is_alike, made in ((False, noise[1:]), (True, (noise[1:] + noise[:-1]) / np.sqrt(2))):
+            p[is_alike].append(fit(run.replace(centre=run.centre + made)).neighbours[1])
+    assert np.mean(np.array(p[False]) < 0.25) == pytest.approx(0.25, abs=0.2) and min(p[False]) > 1e-4
+    assert max(p[True]) < 0.01
 
 
 @pytest.mark.long

@@ -137,7 +137,7 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     assert (chance(0.9999), chance(1e-5)) == ('99 %', '1 %')
 
 
-@pytest.mark.parametrize(('one', 'expected'), [
+@pytest.mark.parametrize(('one', 'wanted'), [
     (MissingEffect('plate_deviations'), 'ball centre deviations'),
     (replace(slip(), cause=replace(slip().cause, law_certain=True)), 'slip of one ball, ball 11 (96 %)'),
     (MissingEffect('outlier', Setting(reading=48), {}, cause(

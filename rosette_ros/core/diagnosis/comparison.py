@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.noise import places
@@ -96,12 +95,11 @@ def compare(fitted: Fit, seed: int = 0) -> Comparison:
     expected = np.mean(noise**2, axis=0)
 
     groupings = tuple(_grouping(label, index, keys, residual, noise, expected) for label, index, keys in places(run))
-    correlation, neighbour_p = _neighbours(residual, noise)
     axis_rms = np.sqrt(np.sum(residual**2, axis=0) / np.sum(expected, axis=0))
     if not whitening.is_plain:
         axis_rms = axis_rms * np.sqrt(np.mean(whitening.inverse(white)**2, axis=(0, 1)))
     sizes = np.sqrt(np.mean(residual**2 / np.maximum(expected, 1e-12), axis=1))
-    return Comparison(fitted, axis_rms, sizes, groupings, correlation, neighbour_p, _worst(fitted, noise, expected))
+    return Comparison(fitted, axis_rms, sizes, groupings, *fitted.neighbours, _worst(fitted, noise, expected))
 
 
 def _sums(index: Ints, count: int, values: Reals) -> Floats:
@@ -128,14 +126,6 @@ def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, no
     statistic = uneven.max(axis=(1, 2))
     p = (1 + np.count_nonzero(statistic[1:] >= statistic[0])) / statistic.size
     return Grouping(label, tuple(keys), rms, mean, float(p))
-
-
-def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
-    every = np.concatenate([residual[None], noise])
-    total = np.maximum(np.sum(every**2, axis=(1, 2)), np.finfo(float).tiny)
-    value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
-    mean, sd = value[1:].mean(), value[1:].std()
-    return float(value[0] - mean), float(2 * scipy.special.ndtr(-abs(value[0] - mean) / sd))
 
 
 def _worst(fitted: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:

@@ -4,7 +4,7 @@
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from rosette_ros.core.run.records import Floats
+from rosette_ros.core.run.records import UNLIKELY, Floats
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.model.least_squares import Fit
@@ -70,6 +70,8 @@ def noise_facts(fit: 'Fit') -> NoiseFacts:
             facts = replace(facts, wander=sigma * step**0.5, readings=1 / (1 - noise.phi))
         else:
             facts = replace(facts, correlation=noise.phi * step / (step + white))
+    elif not noise.resolution and fit.neighbours[1] < UNLIKELY:  # errors of rounding repeat where a coordinate does
+        facts = replace(facts, correlation=fit.neighbours[0])
     return facts
 
 

@@ -88,14 +88,21 @@ class VerdictText(Judged):
 class Residual:
     """The residual of a fit against the stated repeatability.
 
-    rms, repeatability: per coordinate, m; p: probability that noise of that repeatability leaves as much; both None
-    where none is stated; quietest: noise of the quietest part, over that of all.
+    rms, repeatability: per coordinate, m; p: probability that noise of that repeatability leaves as much, that of the
+    quietest part where the noise is not equal; both None where none is stated; quietest: noise of the quietest part,
+    over that of all; p_equal: the same probability where all readings count alike.
     """
 
     rms: float
     repeatability: float | None
     p: float | None
     quietest: float
+    p_equal: float | None = None
+
+    @property
+    def is_above(self) -> bool:
+        """Whether it is more than the stated repeatability leaves where all readings count alike."""
+        return self.scatters or (self.p_equal is not None and self.p_equal < UNLIKELY)
 
     @property
     def scatters(self) -> bool:
@@ -137,6 +144,11 @@ class Verdict(Judged):
     reason: str = ''
     added: tuple[str, ...] = ()
     unseen: Unseen | None = None
+
+    @property
+    def has_structure(self) -> bool:
+        """Whether the residual is more than the repeatability, or neighbouring readings are correlated in it."""
+        return self.noise.is_correlated or bool(self.after and self.after.is_above)
 
     @property
     def look_alikes(self) -> tuple[str, ...]:
@@ -182,7 +194,7 @@ def _outcome(facts: Verdict) -> Outcome:
         return Outcome.SCATTERS
     if after and after.repeatability is None:
         return Outcome.NO_REPEATABILITY
-    if facts.remarks or facts.wrong:
+    if (facts.remarks or facts.wrong) and not facts.has_structure:
         return Outcome.DOUBTFUL_READINGS
     return Outcome.NOISE if facts.noise.is_other else Outcome.FITS
 
@@ -196,7 +208,7 @@ def not_determinable(reason: str, added: Sequence[str] = ()) -> Verdict:
 
 
 def _residual(fit: 'Fit') -> Residual:
-    return Residual(fit.rms, fit.run.repeatability, fit.lack_of_fit_p, fit.noise.quietest)
+    return Residual(fit.rms, fit.run.repeatability, fit.lack_of_fit_p, fit.noise.quietest, fit.equal_p)
 
 
 def _too_large(final: 'Fit') -> float:

@@ -42,6 +42,8 @@ HIDDEN_SHARE = 0.05
 """Visible share below which an order of measurement hides an effect, or a direction of a free course."""
 REFINED = ('scale', 'phase')
 """Kinds of searched parameters that have an uncertainty."""
+DRAWS = 128
+"""Draws of noise by which it is known what a fit makes of neighbouring readings."""
 FEWEST = 0.1
 """Share of its degrees of freedom that a repeatability keeps, at least, under heavy tails: (dof - 4) / (dof - 1)."""
 
@@ -119,6 +121,25 @@ class Fit:
     def white_residual(self) -> Floats:
         """The residual in white coordinates, (N, 3), m."""
         return np.asarray(self.joint.whitening.apply(self.residual[None])[0])
+
+    @cached_property
+    def neighbours(self) -> tuple[float, float]:
+        """The correlation of consecutive readings beyond what the fit itself makes of noise of its kind, and the
+        probability that such noise leaves as much, from DRAWS of it."""
+        draws = np.random.default_rng(0).standard_normal((DRAWS, self.run.size, 3))
+        every = np.concatenate([self.residual[None], self.joint.whitening.inverse(self.joint.free(draws))])
+        total = np.maximum(np.sum(every**2, axis=(1, 2)), np.finfo(float).tiny)
+        value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
+        beyond, sd = value[0] - value[1:].mean(), value[1:].std()
+        return float(beyond), float(2 * scipy.special.ndtr(-abs(beyond) / sd)) if sd else 1.0
+
+    @cached_property
+    def equal_p(self) -> float | None:
+        """The probability that noise of the known repeatability leaves as much where all readings count alike; None
+        where it is not known."""
+        if self.lack_of_fit_p is None or self.noise.is_white:
+            return self.lack_of_fit_p
+        return fit(self.run, self.model, self.settings, beyond=self.beyond).lack_of_fit_p
 
     @property
     def p_of_small(self) -> float:
