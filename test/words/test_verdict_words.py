@@ -104,7 +104,38 @@ def test_noise_is_said_by_what_it_is_not(noise, words):
     """Of readings that are correlated nobody says that they show no structure."""
     sentence = verdict_text(Verdict(Outcome.NOISE, AFTER, AFTER, noise=noise)).sentence
     assert sentence.endswith(words)
-    assert ('shows no structure' in sentence) != bool(noise.walk)
+    assert ('shows no structure' in sentence) == ('The model fits' in sentence) == (not noise.walk)
+
+
+def test_a_residual_above_the_repeatability_is_no_fit():
+    """Where weights alone make it agree, and where neighbours are alike, nobody says that the model fits."""
+    above = replace(AFTER, p_equal=0.002)
+    for after, noise in ((above, NoiseFacts(worse=(('z', 2.5),), than='xy', scatter=(8e-8, 8e-8, 2e-7))),
+                         (AFTER, NoiseFacts(correlation=0.3))):
+        for outcome in (Outcome.NOISE, Outcome.DOUBTFUL_READINGS):
+            sentence = verdict_text(Verdict(outcome, after, after, noise=noise)).sentence
+            assert sentence.startswith('No missing effect is found, but the residual of 0.102 µm is 1.12 times the ')
+            assert 'fits' not in sentence and 'structure' not in sentence
+
+
+def cycle(name, body, period, u=5.0):
+    """Return a cycle of a body with a period, s."""
+    law = {name: 0.98}
+    return MissingEffect(name, Setting(period=period), parameters=(Parameter('period', period, u, 's'),),
+                         cause=cause(body, (('time',),), 0.995, law))
+
+
+def test_motions_of_one_period_are_one_cause():
+    """Bodies that move by one course with the same numbers are said together, others apart."""
+    alike = (cycle('frame_cycle', 'frame', 672.0), cycle('axis_tilt_cycle', 'table axis tilting', 678.0),
+             cycle('table_zero_cycle', 'table or plate turning', 682.0))
+    said = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, alike)).sentence
+    assert said.startswith(
+        'The probe moves, the table axis tilts and the table turns with time (99 %), most likely by one cause, with a '
+        'fixed period in time (period 11.2 min) (98 %). With them ')
+    apart = (alike[0], cycle('axis_tilt_cycle', 'table axis tilting', 800.0))
+    assert ' (99 %), most likely periodic tilt of the table axis (98 %). ' in verdict_text(
+        Verdict(Outcome.NAMED, BEFORE, AFTER, apart)).sentence
 
 
 def cause(bodies, variables, probability, laws, is_certain=False):
