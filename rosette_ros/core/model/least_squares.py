@@ -124,10 +124,10 @@ class Fit:
 
     @cached_property
     def neighbours(self) -> tuple[float, float]:
-        """The correlation of consecutive readings beyond what the fit itself makes of noise of its kind, and the
-        probability that such noise leaves as much, from DRAWS of it."""
+        """The correlation of consecutive readings, in white coordinates, beyond what the fit itself makes of noise of
+        its kind, and the probability that such noise leaves as much, from DRAWS of it."""
         draws = np.random.default_rng(0).standard_normal((DRAWS, self.run.size, 3))
-        every = np.concatenate([self.residual[None], self.joint.whitening.inverse(self.joint.free(draws))])
+        every = np.concatenate([self.white_residual[None], self.joint.free(draws)])
         total = np.maximum(np.sum(every**2, axis=(1, 2)), np.finfo(float).tiny)
         value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
         beyond, sd = value[0] - value[1:].mean(), value[1:].std()
