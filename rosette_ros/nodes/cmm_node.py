@@ -21,7 +21,7 @@ from rosette_ros.core.run.geometry import Floats
 from rosette_ros.io.messages import MACHINE_FRAME, Phase, short_frame
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import CellNode
-from rosette_ros.nodes.interfaces import waiting_service
+from rosette_ros.nodes.interfaces import run_task, waiting_service
 
 T = TypeVar('T')
 _ROUND = 1e-6  # by which a unit vector may be off
@@ -60,7 +60,7 @@ class CmmNode(CellNode, ABC):
 
         timeout: s, 0 for none."""
         waited = Future()
-        work.add_done_callback(lambda _: self.executor.create_task(waited.set_result, None))
+        work.add_done_callback(lambda _: run_task(self, lambda: waited.set_result(None)))
         if timeout:
             self.after(timeout, lambda: waited.set_result(None))
         await waited

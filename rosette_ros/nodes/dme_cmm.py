@@ -32,7 +32,7 @@ from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.nodes import conversions, names
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, run_node
 from rosette_ros.nodes.cmm_node import CmmNode
-from rosette_ros.nodes.interfaces import waiting_service
+from rosette_ros.nodes.interfaces import run_task, waiting_service
 
 WANTED = (
     Wanted('settings', '', 'settings file of the CMM (rosette-dme/1)', read_only=True),)
@@ -224,7 +224,7 @@ class DmeCmmNode(CmmNode):
             if cmm is not None and not self._trouble:
                 self._mark.settle(cmm.session)  # after an error that is no RosetteError it stays
             self._found.put((target, found))
-            self.executor.create_task(self._publish_found)
+            run_task(self, self._publish_found)
 
     async def _measured(self, cmm: DmeCmm, target: ProbeTarget) -> MeasuredBall:
         aim, pole = self.aim_of(target)

@@ -3,11 +3,13 @@
 
 import importlib
 import re
-from collections.abc import Callable, Coroutine
+import traceback
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionServer
 from rclpy.client import Client
+from rclpy.executors import await_or_execute
 from rclpy.node import Node
 from rclpy.qos import qos_profile_services_default
 from rclpy.serialization import deserialize_message
@@ -15,7 +17,7 @@ from rclpy.service import Service
 from rclpy.service_introspection import ServiceIntrospectionState
 from rosette_msgs.action import Calibrate
 
-from rosette_ros.core.run.errors import InvalidConfig, InvalidData
+from rosette_ros.core.run.errors import InvalidConfig, InvalidData, plain
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9_]*)')
 
@@ -69,17 +71,48 @@ def waiting_service(node: Node, service_type: type, name: str, callback: Callabl
     service = node.create_service(service_type, name, callback)
     send = service.send_response
 
-    async def finish(work: Coroutine[Any, Any, Any], header: Any) -> None:
-        send(await work, header)
+    def finish(work: Any, header: Any) -> None:
+        async def respond() -> None:
+            send(await work, header)
 
-    service.send_response = lambda work, header: node.executor.create_task(finish, work, header)
+        run_task(node, respond)
+
+    service.send_response = finish
     return service
+
+
+def run_task(node: Node, work: Callable[[], Any]) -> None:
+    """Have the executor of a node run a function or a coroutine; what fails in it is in the log of the node.
+
+    An exception of a task ends a process with one node by SIGSEGV: the EventsExecutor of rclpy 7.1 looks for the logger
+    in an index of a set."""
+    async def told() -> None:
+        try:
+            await await_or_execute(work)
+        except Exception:
+            tell_defect(node)
+
+    node.executor.create_task(told)
+
+
+def tell_defect(node: Node) -> str:
+    """Write the exception that is being handled into the log of a node, and return it in one line."""
+    node.get_logger().error(f'error of the program: {traceback.format_exc()}')
+    return plain(f'expected no error of the program, found {traceback.format_exc().strip().splitlines()[-1]}; please '
+                 'report it with the messages of this node')
 
 
 class CalibrateServer(ActionServer):
     """An action server whose goals end by `send_result` and not by the return of a callback.
 
     A coroutine that waits for hours would be run by the executor in every step."""
+
+    async def execute(self, taken_data: Any) -> None:
+        """Serve requests, as a task of the executor: see run_task."""
+        try:
+            await super().execute(taken_data)
+        except Exception:
+            tell_defect(self._node)
 
     def notify_execute(self, goal_handle: Any, execute_callback: Callable[..., Any] | None) -> None:
         """Start nothing: the state machine carries the goal on."""

@@ -72,6 +72,7 @@ class RunControl:
         """Begin a job: the log first, then the first target."""
         node = self._node
         self.job, job.since, job.sequence.clock = job, node.seconds(), lambda: node.now().nanoseconds
+        job.is_waiting = True
         self._cell.update(job.since, self._is_recorder_required)
         for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.ACCEPTED):
             self._topics.event(job.request, kind, f'run {job.run_id}', job)
@@ -81,7 +82,7 @@ class RunControl:
 
     def _open_log(self, job: Job) -> None:
         """Open the log as soon as all nodes have had the time to discover each other, and the CMM takes the plan."""
-        job.is_waiting, now = True, self._node.seconds()
+        now = self._node.seconds()
         lacks_recorder = self._is_recorder_required and not self.recorder.is_there
         if lacks_recorder or not self._cell.is_settled(now):
             return
@@ -138,6 +139,11 @@ class RunControl:
     def cancel(self, job: Job, text: str = '') -> None:
         """Cancel a job; text: why, where nobody requested it."""
         self._do(job, job.sequence.cancel(text) if text else job.sequence.cancel())
+
+    def fail(self, text: str) -> None:
+        """End the present job as failed; text: why."""
+        if self.job is not None:
+            self._do(self.job, self.job.sequence.fail(text))
 
     def tick(self) -> None:
         """Check the time limits and which nodes are connected; call it from a timer."""

@@ -18,7 +18,7 @@ from rosette_ros.core.run.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import answer_of
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.base_node import WARN, Health, ManagedNode, run_node
-from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
+from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service, run_task, tell_defect
 from rosette_ros.nodes.run_control import RECORDER_TIMEOUT, RunControl
 from rosette_ros.nodes.run_topics import RunTopics
 
@@ -69,8 +69,11 @@ class Sequencer(ManagedNode):
         return Trigger.Response(success=True, message=job.run_id)
 
     async def _on_goal(self, goal: Calibrate.Goal) -> GoalResponse:
-        request = Request.of_goal(names.CALIBRATE, goal)
-        accepted, words = self._prepare(request, await self._recalled(request))
+        try:
+            request = Request.of_goal(names.CALIBRATE, goal)
+            accepted, words = self._prepare(request, await self._recalled(request))
+        except Exception:
+            accepted, words = False, tell_defect(self)
         self._refusal = '' if accepted else words
         return GoalResponse.ACCEPT  # a goal that is rejected has no result to say why
 
@@ -95,7 +98,10 @@ class Sequencer(ManagedNode):
             self._action.send_result(goal_handle, Calibrate.Result(message=self._refusal))
         else:
             self._next_job.goal = goal_handle
-            self._accept()
+            try:
+                self._accept()
+            except Exception:
+                self._control.fail(tell_defect(self))
 
     def _on_cancel(self, goal_handle: Any) -> CancelResponse:
         job = self._control.job
@@ -103,15 +109,15 @@ class Sequencer(ManagedNode):
             return CancelResponse.REJECT
         self._topics.event(job.request, CalibrationEvent.CANCEL_REQUESTED, 'cancel requested', job)
         # The goal may only become "canceled" once this callback has returned.
-        self.executor.create_task(lambda: self._control.cancel(job))
+        run_task(self, lambda: self._control.cancel(job))
         return CancelResponse.ACCEPT
 
     def _prepare(self, request: Request, recalled: Recall.Response | None = None) -> tuple[bool, str]:
         """Prepare the job of a request; return (True, run_id) or (False, why not)."""
         try:
             job = self._make_job(request, recalled)
-        except RosetteError as error:
-            words = plain(str(error), most=2000)
+        except Exception as error:
+            words = plain(str(error), most=2000) if isinstance(error, RosetteError) else tell_defect(self)
             self.get_logger().error(f'{request.origin} refused: {words}')
             for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.REJECTED):
                 self._topics.event(request, kind, words)
