@@ -6,6 +6,7 @@ addition has written stays, and the next one goes on from there."""
 
 import datetime
 import hashlib
+import os
 import tempfile
 import time
 from collections import defaultdict
@@ -58,8 +59,8 @@ class FoundLog:
     def digest(self) -> str:
         """Return the SHA-256 of the content, hex: of the one file, else of the digests of all; raises OSError."""
         each = []
-        for file in self.files:
-            with fsspec.open(file, 'rb') as stream:
+        for file in self.files:  # two colons in the name of a local file are no chain of URLs
+            with fsspec.open(file, 'rb') if '://' in file else open(file, 'rb') as stream:
                 each.append(hashlib.file_digest(stream, 'sha256'))
         return each[0].hexdigest() if len(each) == 1 else hashlib.sha256(b''.join(
             one.digest() for one in each)).hexdigest()
@@ -240,7 +241,9 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
     found: dict[str, FoundLog] = {}
     for place in places:
         try:
-            system, root = fsspec.url_to_fs(place)
+            is_here = '://' not in place and Path(place).exists()
+            system, root = (fsspec.filesystem('file'), os.path.abspath(place)) if is_here else (
+                fsspec.url_to_fs(place))
             files: dict[str, Mapping[str, Any]] = system.find(root, detail=True)
             if not files and not system.exists(root):
                 raise FileNotFoundError(2, 'no such file or folder')

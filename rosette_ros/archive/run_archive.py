@@ -22,9 +22,10 @@ from typing import Any
 
 import duckdb
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from rosette_ros.archive.run_row import KEY, SCHEMA, table_of
+from rosette_ros.archive.run_row import KEY, OF_EVERY_ROW, SCHEMA, table_of
 from rosette_ros.core.run.errors import InvalidData, counted
 from rosette_ros.io.text_file import is_regular, path_of, read_limited, reading, write_bytes, write_text
 
@@ -34,6 +35,8 @@ LARGE = 20_000
 """Rows of a file that is not joined with others any more: about 60 MB of runs of 12 balls."""
 MOST_SMALL, MOST_ROWS = 64, 1_000_000
 """Smaller files than that are joined where there are more; a part of more rows is none that was written here."""
+WRONG_CLOCK = datetime.timedelta(days=1)
+"""Computers that write into an archive may differ by so much."""
 ROW_GROUP = 1000
 """Rows that a query reads at least, of one table mostly: joined files are sorted by table and time."""
 ROWS = f'''
@@ -61,13 +64,22 @@ def local_folder(name: str | Path) -> Path:
 
 def _misfit(path: Path) -> str:
     """Return why a file has not the rows of an archive, in words; '' where it has. Raises what pyarrow raises."""
-    if (rows := pq.read_metadata(path).num_rows) > MOST_ROWS:
+    file = pq.ParquetFile(path)
+    if (rows := file.metadata.num_rows) > MOST_ROWS:
         return f'it has {rows} rows, more than {MOST_ROWS}'
-    found = {one.name: one.type for one in pq.read_schema(path)}
+    found = {one.name: one.type for one in file.schema_arrow}
     for one in SCHEMA:
         if one.name in found and found[one.name] not in (one.type, pa.null()):
             return f'its column {one.name} is {found[one.name]}, not {one.type}'
-    return next((f'it has no column {name}' for name in KEY if name not in found), '')
+    if lacking := [name for name in OF_EVERY_ROW if name not in found]:
+        return f'it has no column {lacking[0]}'
+    stated = file.read(columns=list(OF_EVERY_ROW))
+    if empty := [name for name in OF_EVERY_ROW if stated[name].null_count]:
+        return f'its column {empty[0]} is empty in {counted(stated[empty[0]].null_count, "row")}'
+    last, now = pc.max(stated['added_at'].cast(pa.int64())).as_py(), datetime.datetime.now(datetime.UTC)
+    if last is not None and last > 1e6 * (now + WRONG_CLOCK).timestamp():
+        return 'its rows were added on a day that has not come'
+    return ''
 
 
 def _damage(path: Path) -> str:

@@ -29,6 +29,8 @@ from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 AXES = 'xyz'
 KEY = ('log_sha256', 'run_id', 'model_hash')
 """What a row is of: a run of a log under a model. Of several rows with one key the one that was added last counts."""
+OF_EVERY_ROW = (*KEY, 'path', 'stamp', 'version', 'added_at', 'problem')
+"""Columns that are never empty: which of several rows counts is decided by them."""
 SERIALS = ('table', 'plate', 'cmm', 'probe')
 """Devices of the identity whose serial numbers are columns."""
 STATED = ('measured_at', 'ended_at', 'place', 'identity', *(f'{one}_serial' for one in SERIALS))

@@ -189,8 +189,9 @@ class BagListing:
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether a file or folder is none that a person has put there: hidden, of macOS or a NAS, in the trash."""
-    return name.casefold().startswith(('.', '$recycle.bin', '__macosx', '#recycle', '@recycle', '@eadir'))
+    """Return whether a file or folder is none that a person has put there: hidden, the lock of a spreadsheet, of macOS
+    or a NAS, in the trash."""
+    return name.casefold().startswith(('.', '~$', '$recycle.bin', '__macosx', '#recycle', '@recycle', '@eadir'))
 
 
 def is_one_log(names: Iterable[str]) -> bool:

@@ -242,7 +242,7 @@ def test_loose_files_are_logs_of_their_own(logs, tmp_path):
 def test_what_is_no_log_is_passed_over(logs, tmp_path):
     """Pipes, devices, links without an end, hidden files, trash; a packed log is a row that says how to unpack it."""
     for name in ('pipe.mcap', '.Trash-1000/x.mcap', '__MACOSX/._x.csv', '$RECYCLE.BIN/x.csv', '._x.csv',
-                 '$Recycle.Bin/y.csv', '#recycle/x.mcap', '@eaDir/x.csv'):
+                 '$Recycle.Bin/y.csv', '#recycle/x.mcap', '@eaDir/x.csv', '~$x.csv'):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text('x')
     (tmp_path / 'pipe.mcap').unlink()
@@ -255,6 +255,15 @@ def test_what_is_no_log_is_passed_over(logs, tmp_path):
     assert [Path(log.path).name for log in find_logs([str(tmp_path)])] == [tmp_path.name, 'packed']
     with pytest.raises(InvalidData, match='pipe.mcap: expected a folder of logs, or a log, found a device, a pipe'):
         find_logs([str(tmp_path / 'pipe.mcap')])
+
+
+def test_two_colons_in_a_name_are_no_chain_of_urls(logs, tmp_path, monkeypatch):
+    """By its absolute and its relative path; content is identified there, too."""
+    shutil.copytree(logs, tmp_path / 'shift::night')
+    monkeypatch.chdir(tmp_path)
+    for place in ('shift::night', str(tmp_path / 'shift::night')):
+        found = find_logs([place])
+        assert len(found) == 3 and not [problem for _, digest, problem in run_adding.digests(found) if problem]
 
 
 def test_an_interruption_keeps_what_is_done(logs, tmp_path):

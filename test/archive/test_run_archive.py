@@ -172,13 +172,28 @@ def test_a_damaged_part_is_named_and_the_others_stay(archive, row, damage, caplo
     assert found.join_small() == '' and found.read_rows().num_rows == 2
 
 
+def emptied(table, name):
+    return table.set_column(table.column_names.index(name), name, pa.nulls(len(table), table.schema.field(name).type))
+
+
+def dated(table, moment):
+    moments = pa.array([moment] * len(table), table.schema.field('added_at').type)
+    return table.set_column(table.column_names.index('added_at'), 'added_at', moments)
+
+
 @pytest.mark.parametrize(('change', 'words'), [
     (lambda table: table.set_column(table.column_names.index('effects'), 'effects', pa.array(['boo'] * len(table))),
      'its column effects is string, not '),
     (lambda table: table.set_column(table.column_names.index('added_at'), 'added_at', pa.array(['zzz'] * len(table))),
-     'its column added_at is string, not timestamp')])
+     'its column added_at is string, not timestamp'),
+    (lambda table: table.drop_columns(['problem']), 'it has no column problem'),
+    (lambda table: emptied(table, 'run_id'), 'its column run_id is empty in 1 row'),
+    (lambda table: emptied(table, 'added_at'), 'its column added_at is empty in 1 row'),
+    (lambda table: dated(table, datetime.datetime(9999, 1, 1, tzinfo=datetime.UTC)), 'its rows were added on a day'),
+    (lambda table: dated(table, datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=2)),
+     'its rows were added on a day that has not come')])
 def test_a_part_with_another_type_of_a_column_is_named(archive, row, change, words, caplog):
-    """By column and type; the others stay."""
+    """By column and type, or what is in it: it would stand before a sound row of the same run. The others stay."""
     other = archive.add([row])
     archive.add([{**row, 'run_id': 'other', 'log_sha256': 'cd' * 32}])
     pq.write_table(change(pq.read_table(other)), other)
