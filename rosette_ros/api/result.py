@@ -4,14 +4,13 @@
 import html
 import importlib
 import io
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.run.errors import RosetteError, visible_json
 from rosette_ros.presentation.table_format import Table
 
 COLOURS = {'good': '#2e7d32', 'doubtful': '#b26a00', 'bad': '#c62828'}
@@ -41,7 +40,7 @@ def plots(name: str) -> ModuleType:
 
 def json_text(mapping: Mapping[str, Any]) -> str:
     """Return one JSON object, strict: no NaN, no Infinity."""
-    return json.dumps(mapping, allow_nan=False, ensure_ascii=False)
+    return visible_json(mapping)
 
 
 def frame_of(table: Table) -> Any:

@@ -2,7 +2,6 @@
 """What every verb prints with: a console, tables, the verdict, JSON."""
 
 import importlib
-import json
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,7 +16,7 @@ from rich.segment import Segment
 
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.run.errors import visible
+from rosette_ros.core.run.errors import visible, visible_json
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.table.correction_check import CorrectionCheck
 from rosette_ros.io.reading_checks import Check
@@ -194,5 +193,4 @@ def print_checks(name: str, title: str, checks: 'Sequence[Check]', note: str = '
 
 def print_json(mapping: Mapping[str, Any]) -> None:
     """Print one JSON object, strict: no NaN, no Infinity."""
-    json.dump(mapping, sys.stdout, allow_nan=False, ensure_ascii=False)
-    sys.stdout.write('\n')
+    sys.stdout.write(f'{visible_json(mapping)}\n')

@@ -2,7 +2,8 @@
 """YAML from outside: no aliases, no deep nesting, no key twice, and one kind of error whatever is wrong with it.
 
 Whole numbers beside floats in a list are floats: a person who writes [0.35, 0.26, 0] means no other kind of number.
-13e-2 and 2e1 are numbers, as in YAML 1.2; a text that looks like one is written in quotes.
+13e-2 and 2e1 are numbers, as in YAML 1.2; a text that looks like one is written in quotes. Numbers that YAML 1.1 reads
+otherwise than they are written are refused: 010 as 8, 1:30 as 90, 0x10 as 16, 1_000 as 1000.
 
 A few hundred bytes of aliases within aliases stand for more than fits into a memory, and nesting of some ten
 thousand levels ends the whole process in the loader: both are refused before anything is built."""
@@ -21,6 +22,8 @@ DEEPEST = 20  # collections nested deeper than this are refused
 BAD_VALUE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What the constructors of the loader raise besides YAMLError, such as for `!!int ""` or 2001-13-45."""
 
+_DECIMAL = re.compile(r'[-+]?((0|[1-9]\d*)(\.\d*)?|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)')
+
 _CLoader: type[yaml.SafeLoader] = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
@@ -34,6 +37,14 @@ class _Loader(_CLoader):  # type: ignore[valid-type, misc]  # which of the two i
     def construct_sequence(self, node: yaml.SequenceNode, deep: bool = False) -> list[Any]:
         values: list[Any] = super().construct_sequence(node, deep)
         return list(map(float, values)) if {*map(type, values)} == {int, float} else values
+
+    def construct_decimal(self, node: yaml.ScalarNode) -> Any:
+        """Return a number that is written as decimal digits; raises NotPlain for any other."""
+        if not _DECIMAL.fullmatch(node.value):
+            raise NotPlain(f'line {node.start_mark.line + 1}: expected a number in decimal digits, without leading '
+                           f'zeros, found {node.value!r:.40}; write a text in quotes')
+        is_whole = node.tag.endswith(':int')
+        return self.construct_yaml_int(node) if is_whole else self.construct_yaml_float(node)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set[str]()
@@ -50,6 +61,8 @@ class PlainDumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignor
     """The safe dumper, which quotes the texts that the loader would take for numbers."""
 
 
+for _kind in ('int', 'float'):
+    _Loader.add_constructor(f'tag:yaml.org,2002:{_kind}', _Loader.construct_decimal)
 for _one in (_Loader, PlainDumper):
     _one.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
                                list('-+.0123456789'))

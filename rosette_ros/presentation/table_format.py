@@ -11,6 +11,7 @@ from typing import Any
 
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.core.run.errors import visible
 from rosette_ros.presentation.formatting import signed
 from rosette_ros.words.effect_words import MICRO_DECIMALS, fixed
 
@@ -85,12 +86,13 @@ class Table:
             shown=None if one.shown is None else tuple(one.shown[row] for row in rows)) for one in self.columns))
 
     def csv(self) -> str:
-        """Return the table as CSV text; numbers are exact, what is not finite is left empty."""
+        """Return the table as CSV text; numbers are exact, what is not finite is left empty, and what would control a
+        terminal is a question mark."""
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator='\n')
         writer.writerow([column.key for column in self.columns])
         writer.writerows(zip(*(map(_cell, column.values) for column in self.columns), strict=True))
-        return stream.getvalue()
+        return visible(stream.getvalue())
 
 
 STANDARD = 1

@@ -3,6 +3,7 @@
 
 import contextlib
 import io
+import json
 import os
 import signal
 import subprocess
@@ -13,7 +14,7 @@ import pytest
 from terminal import Terminal
 
 from rosette_ros.cli import main as main_module
-from rosette_ros.cli.console import console, doing
+from rosette_ros.cli.console import console, doing, print_json
 from rosette_ros.cli.main import GROUPS, VERBS, error_lines, main
 from rosette_ros.invocation import __version__
 
@@ -250,3 +251,7 @@ def test_nothing_that_is_read_controls_the_terminal(tmp_path, refused, capsys):
     assert 'a?]0;b?.csv' in line and 'a?[31mRED,?2J,?b' in line and line.rstrip('\n').isprintable()
     console().print(f'run {path.name}')
     assert capsys.readouterr().out == 'run a?]0;b.csv\n'
+    told = {'run': 'a\x1b\x7f\x9b\u202eö\n'}
+    print_json(told)
+    line = capsys.readouterr().out
+    assert line == '{"run": "a\\u001b\\u007f\\u009b\\u202eö\\n"}\n' and json.loads(line) == told

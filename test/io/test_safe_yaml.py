@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers and paths as a person writes them in YAML."""
 
+import re
+
 import pytest
 import yaml
 
@@ -15,7 +17,7 @@ from rosette_ros.simulation import load_machine
 IDENTITY = 'schema: rosette-identity/1\ntable: {serial: "12E4"}'
 
 
-@pytest.mark.parametrize(('text', 'expected'), [
+@pytest.mark.parametrize(('text', 'wanted'), [
     ('[0.35, 0.26, 0]', [0.35, 0.26, 0.0]), ('[1, 2.5]', [1.0, 2.5]), ('- 1\n- 2.0\n', [1.0, 2.0]), ('[1, 2]', [1, 2]),
     ('[true, 1.0]', [True, 1.0]), ('[1, 2.0, a]', [1, 2.0, 'a']),
     ('{a: [[0, 0.5], [1, 2]]}', {'a': [[0.0, 0.5], [1, 2]]})])
@@ -24,15 +26,27 @@ def test_whole_numbers_beside_floats_are_floats(text, wanted):
     assert repr(parse_yaml(text.encode(), 'x', InvalidConfig)) == repr(wanted)
 
 
-@pytest.mark.parametrize(('text', 'expected'), [
+@pytest.mark.parametrize(('text', 'wanted'), [
     ('13e-2', 0.13), ('2e1', 20.0), ('1e-6', 1e-6), ('-1.5E+3', -1500.0), ('.5e1', 5.0), ('5.e0', 5.0),
-    ('1.0e-6', 1e-6), ('"2e1"', '2e1'), ('e1', 'e1'), ('2e', '2e'), ('1e5a', '1e5a'), ('0x1e5', 0x1e5), ('1e', '1e'),
-    ('12', 12)])
+    ('1.0e-6', 1e-6), ('"2e1"', '2e1'), ('e1', 'e1'), ('2e', '2e'), ('1e5a', '1e5a'), ('1e', '1e'),
+    ('12', 12), ('0', 0), ('-0.0', -0.0), ('0.0010', 0.001), ('0815', '0815'), ('1:3a', '1:3a'),
+    ('.inf', float('inf'))])
 def test_numbers_with_exponents_are_numbers(text, wanted):
     """As people write them; in quotes they are text, and are written so."""
     assert repr(parse_yaml(text.encode(), 'x', InvalidConfig)) == repr(wanted)
     again = yaml.dump([wanted], Dumper=PlainDumper)
     assert repr(parse_yaml(again.encode(), 'x', InvalidConfig)) == repr([wanted])
+
+
+@pytest.mark.parametrize('text', [
+    '010', '1:30', '0x10', '0b11', '1_000', '-07', '+0x1F', '1:30.5', '1_0.5', '-1:20:30'])
+def test_numbers_that_mean_another_one_are_refused(text):
+    """YAML 1.1 reads 8, 90, 16, 3 and 1000 of the first ones; a list and a nested value name their line, too."""
+    for place in (text, f'[1.5, {text}]', f'a:\n  b: {text}'):
+        with pytest.raises(InvalidConfig, match=rf'x: line \d: expected a number in decimal digits, without leading '
+                           rf'zeros, found {re.escape(repr(text))}; write a text in quotes'):
+            parse_yaml(place.encode(), 'x', InvalidConfig)
+        assert repr(text) in repr(parse_yaml(place.replace(text, f'"{text}"').encode(), 'x', InvalidConfig))
 
 
 def test_every_file_takes_exponents(tmp_path):

@@ -2,8 +2,10 @@
 """Errors that a user can mend: each says what was expected, what was found, where, and what to do."""
 
 import difflib
+import json
 import re
 from collections.abc import Collection, Mapping
+from typing import Any
 
 MOST_LISTED = 24
 """Names that an error lists; of more it says the nearest."""
@@ -49,6 +51,12 @@ def plain(text: str, most: int = 500) -> str:
 def visible(text: str) -> str:
     """Return text for a terminal: what would control it, such as an escape in the name of a file, becomes '?'."""
     return _CONTROL.sub('?', text)
+
+
+def visible_json(mapping: Mapping[str, Any]) -> str:
+    """Return one JSON object, strict (no NaN, no Infinity), in which what would control a terminal is escaped."""
+    text = json.dumps(mapping, allow_nan=False, ensure_ascii=False)
+    return _CONTROL.sub(lambda found: f'\\u{ord(found[0]):04x}', text)
 
 
 def unknown(name: str, known: Collection[str]) -> str:
