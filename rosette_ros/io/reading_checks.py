@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rosette_ros.core.run.geometry import Floats, wrap
 from rosette_ros.core.run.records import Run, resolution_of
 from rosette_ros.core.run.remarks import Remark, RemarkKind, remark
+from rosette_ros.core.run.touches import USUAL, USUAL_PACE, Pace
 from rosette_ros.io.messages import Answer, Phase, Target
 
 Pairs = Sequence[tuple[Target, Answer]]
@@ -20,7 +21,9 @@ SAME_TURN = 0.1  # a travel that differs by less from what was asked, rad, is th
 PACES, TEMPERATURES, REPEATABILITIES = (1.0, 600.0), (5.0, 45.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
 RADII = (0.02, 5.0)
 """Circles of ball centres that can be, m."""
-USUAL_PACE = 30.0  # s a ball
+QUICKEST, SLOWEST = 1.0, 5.0
+"""No machine touches a ball and leaves it in less, s, nor moves more than ten times as fast as is usual; one that takes
+so many times as long for moves and touches as is usual is doubted."""
 STANDS_STILL = 12, 600.0  # so many readings, in so many s, of one temperature: a thermometer shows more
 LONG_GAP = 3000.0, 20.0  # longer within a session, s and paces, is no part of measuring: nearly an hour
 _TIMES = {'µs': 1e-6, 'ms': 1e-3, '1/100 s': 1e-2, '1/10 s': 0.1, 'minutes': 60.0, 'hours': 3600.0,
@@ -92,14 +95,25 @@ def _pace(time: Floats) -> float:
 def _remarks_on_units(run: Run, is_timed: bool) -> tuple[Remark, ...]:
     """Return which quantities of a table cannot be in the unit of their column."""
     found = []
-    if is_timed and not is_in_seconds(run.time):
-        step = _pace(run.time)
-        unit = min(_TIMES, key=lambda unit: abs(np.log(step * _TIMES[unit] / USUAL_PACE)))
-        found.append(remark(RemarkKind.UNIT_OF_TIME, step=step, unit=unit, in_unit=step * _TIMES[unit]))
+    step = _pace(run.time)
+    if is_timed and step and run.size > 1:
+        usual = Pace.touch * USUAL
+        moving = float(np.median(np.diff(USUAL_PACE.times(np.zeros(run.size), *_moves(run)))))
+        if not QUICKEST + moving / 10 <= step <= SLOWEST * (usual + moving):
+            unit = min(_TIMES, key=lambda unit: abs(np.log(step * _TIMES[unit] / (usual + moving))))
+            found.append(remark(RemarkKind.UNIT_OF_TIME, step=step, usual=usual + moving, unit=unit,
+                                in_unit=step * _TIMES[unit], is_used=is_in_seconds(run.time)))
     known, (least, most) = run.repeatability, REPEATABILITIES
     if known is not None and not least <= known <= most:
         found.append(remark(RemarkKind.UNIT_OF_REPEATABILITY, repeatability=known))
     return tuple(found)
+
+
+def _moves(run: Run) -> tuple[Floats, Floats]:
+    """Return by how much the table, rad, and the CMM, m, moved before each reading, (N,), 0 before the first."""
+    centre = run.centre
+    return (np.abs(np.diff(run.table_travel, prepend=run.table_travel[:1])),
+            np.linalg.norm(np.diff(centre, axis=0, prepend=centre[:1]), axis=1))
 
 
 def remark_on_radius(radius: float) -> Remark | None:

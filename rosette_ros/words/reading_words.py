@@ -88,10 +88,11 @@ def _rounded(step: float, repeatability: float | None) -> tuple[str, str]:
     return f'readings are rounded to {1e6 * step:g} µm{beside}', 'give every digit that the CMM has'
 
 
-def _unit_of_time(step: float, unit: str, in_unit: float) -> tuple[str, str]:
-    return (f'ball centres are {significant(step, 2)} s apart, {"quicker" if step < 1 else "slower"} than a CMM '
-            'measures', f'is time_s in {unit}, which would be {significant(in_unit, 2)} s? give seconds; until then '
-            'effects in time cannot be found')
+def _unit_of_time(step: float, usual: float, unit: str, in_unit: float, is_used: bool) -> tuple[str, str]:
+    lost = '' if is_used else '; until then effects in time cannot be found'
+    return (f'ball centres are {significant(step, 2)} s apart, {"quicker" if step < usual else "slower"} than a CMM '
+            f'measures and the table turns', f'is time_s in {unit}, which would be {significant(in_unit, 2)} s? give '
+            f'seconds{lost}')
 
 
 def _unit_of_coordinates(radius: float, likely: Mapping[str, float]) -> tuple[str, str]:

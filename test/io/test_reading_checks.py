@@ -19,7 +19,13 @@ from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
 from rosette_ros.io.open_run import open_run
-from rosette_ros.io.reading_checks import check_answers, known_temperatures, remarks_on_run
+from rosette_ros.io.reading_checks import (
+    check_answers,
+    is_in_seconds,
+    known_temperatures,
+    remarks_on_run,
+    remarks_on_table,
+)
 from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.io.run_assembly import RunAssembly
 from rosette_ros.simulation import Machine, MachineConfig
@@ -133,6 +139,22 @@ def test_a_gap_of_an_hour_is_said():
     assert remarks_on_run(waited) == ()  # a cell that measures on waits for what it wants to see
 
 
+@pytest.mark.parametrize(('pace', 'factor', 'unit'), [
+    (31.0, 10.0, '1/10 s'), (31.0, 100.0, '1/100 s'), (31.0, 0.5, ''), (120.0, 1.0, ''), (8.0, 1.0, ''),
+    (90.0, 1 / 60, 'minutes')])
+def test_a_time_is_doubted_that_no_machine_needs(pace, factor, unit):
+    """By what it takes to touch a ball, turn the table and move the CMM: 310 s a ball are ticks of 1/10 s, 1.5 s are
+    minutes of a slow machine; 2 minutes, or 8 s, may be."""
+    run = Machine(MachineConfig().changed(seed=2, plate={'balls': N})).run(plan(N, 'sensitive'))
+    timed = run.replace(time=factor * pace * np.arange(run.size))
+    found = [one for one in remarks_on_table(timed, 0.0, True) if one.kind is RemarkKind.UNIT_OF_TIME]
+    assert bool(found) == bool(unit)
+    for one in found:
+        words = remark_words(one)
+        assert f'is time_s in {unit}, which would be {pace:g} s? give seconds' in words
+        assert ('effects in time cannot be found' in words) == (not is_in_seconds(timed.time))
+
+
 @pytest.mark.parametrize(('factor', 'unit'), [(1e9, 'ns'), (1e6, 'µs'), (1e3, 'ms'), (1 / 3600, 'hours')])
 def test_a_time_in_another_unit_says_nothing_of_effects_in_time(tmp_path, factor, unit):
     """A warm-up is found as what moves with the number of readings, without a time constant of a million years."""
@@ -205,7 +227,7 @@ def test_a_table_is_checked_too():
     assert remark.startswith('readings are rounded to 1 µm')
     [remark] = said(run.replace(time=np.zeros(run.size)))
     assert remark.startswith('the time is the same in all 36 readings')
-    for changed, words in (({'time': run.time / 3600}, 's apart, quicker than a CMM measures; is time_s in hours'),
+    for changed, words in (({'time': run.time / 3600}, 'measures and the table turns; is time_s in hours'),
                            ({'temperature': 32 + 1.8 * run.temperature}, '°C; is it in °F or K? give °C'),
                            ({'temperature': run.temperature + 273.15}, 'the temperature is 293.'),
                            ({'temperature': np.zeros(run.size)}, 'the temperature is 0 °C in 36 of 36 readings; was it '
