@@ -10,13 +10,13 @@ from rich.markup import escape
 from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
 from rosette_ros.cli.console import console, head, warn
 from rosette_ros.invocation import command
-from rosette_ros.io.ball_centre_table import MAX_BYTES, format_csv, read_csv, write_csv
+from rosette_ros.io.ball_centre_table import format_csv, read_csv, table_bytes, write_csv
 from rosette_ros.io.column_map import ColumnMap, format_columns
 from rosette_ros.io.csv_parser import proposal_for, read_columns
 from rosette_ros.io.foreign.formats import READERS
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.run_to_log import write_log
-from rosette_ros.io.text_file import read_limited, write_text
+from rosette_ros.io.text_file import write_text
 from rosette_ros.io.type_definitions import StoredTypes
 from rosette_ros.words.reading_words import notes_of, remark_words
 
@@ -66,7 +66,7 @@ def run_import(options: Namespace) -> None:
 
 def asked_columns(path: str) -> ColumnMap | None:
     """Return what the user says about the columns of a table, None where it is a ball-centre table."""
-    whole = read_limited(path, 'a table', MAX_BYTES)
+    whole, _ = table_bytes(path)
     found = proposal_for(whole, path)
     if found is None:
         return None

@@ -20,10 +20,12 @@ from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.scheme import cmm_position, nominal_places
 from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.csv_parser import COLUMNS, WAY_COLUMNS, CsvTable
+from rosette_ros.io.foreign.aqdef import BEHIND
+from rosette_ros.io.foreign.formats import pair_of
 from rosette_ros.io.plate_file import plate_of_table
 from rosette_ros.io.reading_checks import RADII, remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
-from rosette_ros.io.table_heading import LENGTHS, SCHEMA
+from rosette_ros.io.table_heading import LENGTHS, SCHEMA, moment_words
 from rosette_ros.io.text_file import read_limited, write_text
 
 MAX_BYTES = 256 << 20  # a larger table is refused; 360 balls make 17 MB
@@ -36,7 +38,16 @@ def read_csv(path: str | Path, columns_of: ColumnMap | None = None) -> Run:
     """Return the Run of a CSV table, or of another one whose columns are known.
 
     Raises InvalidData that names file, line and column where it is none."""
-    return parse_csv(read_limited(path, 'a table', MAX_BYTES), str(path), columns_of)
+    return parse_csv(*table_bytes(path), columns_of)
+
+
+def table_bytes(path: str | Path) -> tuple[bytes, str]:
+    """Return the bytes of a table, and the name of the file with its values: a Q-DAS pair is read together.
+
+    Raises InvalidData where a file cannot be read, or one of a pair is missing."""
+    if pair := pair_of(path):
+        return BEHIND.encode().join(read_limited(one, 'a table', MAX_BYTES) for one in pair), str(pair[1])
+    return read_limited(path, 'a table', MAX_BYTES), str(path)
 
 
 def parse_csv(data: bytes, source: str = 'table', columns_of: ColumnMap | None = None) -> Run:
@@ -75,7 +86,7 @@ def parse_csv(data: bytes, source: str = 'table', columns_of: ColumnMap | None =
 
 def read_with_plate(path: str | Path) -> Readings:
     """Return the Readings of a CSV table with a plate file; raises InvalidData as read_csv, and where they disagree."""
-    table = CsvTable(read_limited(path, 'a table', MAX_BYTES), str(path))
+    table = CsvTable(*table_bytes(path))
     plate, positions = _checked_plate(table)
     _check_order(table)
     angle = _table_angles(table, positions)
@@ -146,6 +157,8 @@ def _heading(run: Run) -> list[str]:
     if (rotation := run.from_angle_zero()[1]) is not None:
         for key, column in (('table_axis', 2), ('table_x', 0)):
             heading[key] = ', '.join(map(repr, rotation[:, column].tolist()))
+    if run.begun is not None:
+        heading['first_reading_at'] = moment_words(run.begun)
     if run.simulated:
         heading['simulated'] = 'yes'
     return [f'# {key}: {value}' for key, value in heading.items()]

@@ -27,6 +27,7 @@ from rosette_ros.io.table_heading import (
     angle_of,
     key_of,
     meant,
+    moment_of,
     of_axes,
     whole_number,
     wrong,
@@ -335,7 +336,8 @@ class CsvTable:
         self.source, self.notes = source, sheet.notes
         _check_all(sheet, heading, columns_of)
         self.lines, columns, self.angle_cells = sheet.table()
-        self.begun = sheet.begun
+        stated = heading.value('first_reading_at', 'a date such as 2026-11-27T08:00:34Z', moment_of, None)
+        self.begun = stated if sheet.begun is None else sheet.begun
         made = {name: self._numbers(name, values, empty) for name, (values, empty) in columns.items()
                 if name in _REQUIRED or not empty.all()}
         written: Floats = np.stack([made[name] for name in _PLACE], axis=-1)

@@ -20,6 +20,7 @@ from rosette_ros.io.identity_file import Identity, parse_identity
 from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.io.run_assembly import NO_RUN, RunAssembly
 from rosette_ros.io.safe_yaml import parse_mapping
+from rosette_ros.io.table_heading import FIRST_DATE
 
 BALL_CENTRE = 'rosette_msgs/msg/BallCentre'
 PROBE_TARGET = 'rosette_msgs/msg/ProbeTarget'
@@ -243,7 +244,9 @@ class LogRun:
                               f'messages '
                               f'(topics: {topics}){"".join(f"; {problem}" for problem in self.problems[:1])}')
         run = RunAssembly(self.run(run_id), source).run()
-        run = run.replace(remarks=(*self.damage, *run.remarks), simulated=self.simulated)
+        begun = 1e-9 * self.start_ns
+        run = run.replace(remarks=(*self.damage, *run.remarks), simulated=self.simulated,
+                          begun=begun if begun > FIRST_DATE else None)
         if run.repeatability is not None or REPEATABILITY_KEY not in self.custom_data:
             return run
         try:

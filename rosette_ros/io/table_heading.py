@@ -4,6 +4,7 @@
 import difflib
 import re
 from collections.abc import Callable, Collection, Sequence
+from datetime import UTC, datetime
 from decimal import Decimal
 from typing import TypeVar
 
@@ -18,7 +19,9 @@ SCHEMA = 'rosette-ball-centres/1'
 LENGTHS = {'mm': 1.0, 'cm': 10.0, 'm': 1e3, 'um': 1e-3, 'inch': 25.4}
 """Units of lengths in names of columns and in radius_..., in mm."""
 SAME = {'in': 'inch', 'inches': 'inch', 'sec': 's', 'µm': 'um', 'μm': 'um', 'degc': 'c', 'grad': 'deg'}
-_TEXTS = ('schema', 'run_id', 'note', 'plate', 'frame', 'pauses_before')
+FIRST_DATE = 946684800.0
+"""Times before it, s since the epoch, that of 2000-01-01, are counts from 0 and no dates."""
+_TEXTS = ('schema', 'run_id', 'note', 'plate', 'frame', 'pauses_before', 'first_reading_at')
 KEYS = (*_TEXTS, 'radius_mm', 'repeatability_um', 'repeatability_dof', 'repeatability_axes_um', 'balls',
          'repeated_balls', 'table_axis', 'table_x', 'simulated', 'table_positions', 'table_offset_deg')
 _Value = TypeVar('_Value')
@@ -149,6 +152,20 @@ def _direction(text: str) -> Floats:
         return unit_axis([float(cell) for cell in cells])
     except InvalidData as error:
         raise ValueError from error
+
+
+def moment_of(text: str) -> float | None:
+    """Return a date with time of day, UTC where no zone is stated, as s since the epoch."""
+    moment = datetime.fromisoformat(text)
+    seconds = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    if seconds < FIRST_DATE:
+        raise ValueError
+    return seconds
+
+
+def moment_words(seconds: float) -> str:
+    """Return a time, s since the epoch, as a date with time of day, to the microsecond."""
+    return datetime.fromtimestamp(seconds, UTC).isoformat()
 
 
 def whole_number(text: str) -> int | None:

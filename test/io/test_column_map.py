@@ -237,3 +237,49 @@ def test_numbers_of_formats_that_are_none():
         parse_csv(re.sub('<Factor>[^<]*</Factor>', '<Factor>abc</Factor>', qif).encode(), 'f')
     fields = (FOREIGN / 'fields.dfq').read_text() + f'K2001/{"9" * 5000} 1\n'
     assert parse_csv(fields.encode(), 'f', read_columns(f'{MAPS["fields.dfq"][0]},radius_mm=100,balls=3')).size == 6
+
+
+def test_a_qdas_pair_is_read_together(tmp_path):
+    """Descriptions and values in two files, whichever is named; errors name file and line of the values."""
+    fields = (FOREIGN / 'fields.dfq').read_text().splitlines()
+    values, pair = [], {'.dfd': [], '.DFX': []}
+    for line in fields:
+        key, _, value = line.partition(' ')
+        if key.startswith('K0001/'):
+            values.append(value)
+        elif key == 'K0004/0':
+            pair['.DFX'].append('\x0f'.join(f'{one}\x140\x14{value}\x14#0\x14' for one in values))
+            values = []
+        else:
+            pair['.dfd'].append(line)
+    for end, lines in pair.items():
+        (tmp_path / f'table{end}').write_bytes('\r\n'.join(['K1110 Müller'] * (end == '.dfd') + lines).encode('cp1252'))
+    words = f'{MAPS["fields.dfq"][0]},radius_mm=100,balls=3'
+    for end in pair:
+        run = read_csv(tmp_path / f'table{end}', read_columns(words))
+        np.testing.assert_allclose(1e3 * run.centre, CENTRES, atol=1e-9)
+        assert run.time.tolist() == TIMES and 'the file was read as Q-DAS K-fields (AQDEF)' in run.notes
+    text = (tmp_path / 'table.DFX').read_bytes()
+    (tmp_path / 'table.DFX').write_bytes(text.replace(b'86,6031', b'86,60x'))
+    with pytest.raises(InvalidData, match=r'table\.DFX: line 2: .*86,60x'):
+        read_csv(tmp_path / 'table.dfd', read_columns(words))
+    (tmp_path / 'table.DFX').unlink()
+    with pytest.raises(InvalidData, match=r'table\.dfd: expected a Q-DAS pair, .* found no table\.dfx beside it'):
+        read_csv(tmp_path / 'table.dfd', read_columns(words))
+    with pytest.raises(InvalidData, match='none.dfd: expected a table that can be read, found No such file'):
+        read_csv(tmp_path / 'none.dfd')
+
+
+def test_what_to_export_is_said():
+    """A QIF document with two results of the same spheres, and a report of PC-DMIS as text."""
+    qif = (FOREIGN / 'results.qif').read_text()
+    begin, end = qif.index('<MeasurementResults id'), qif.index('</MeasurementResults>') + len('</MeasurementResults>')
+    again = qif[begin:end].replace('"30"', '"31"')
+    with pytest.raises(InvalidData, match='the same ones in those with id 30 and 31; export each run to a file of its'):
+        parse_csv((qif[:end] + again + qif[end:]).encode(), 'f')
+    parts = qif[:end] + again.replace('Sphere', 'Circle') + qif[end:]  # other features of the same run
+    assert parse_csv(parts.encode(), 'f', read_columns(f'{MAPS["results.qif"][0]},radius_mm=100,balls=3')).size == 6
+    report = ('PART NAME  : Rosette\n\nDIM LOC1= LOCATION OF SPHERE POS1_SPH1  UNITS=MM ,$\nGRAPH=OFF  TEXT=OFF\n'
+              'AX      NOMINAL       MEAS\nX      182.5000   182.5263\nEND OF DIMENSION LOC1\n')
+    with pytest.raises(InvalidData, match='found a PC-DMIS report as text; export the locations as CSV'):
+        parse_csv(report.encode(), 'f')

@@ -30,6 +30,22 @@ def make_run(n=4, seed=0, **options):
         temperature=temperature, approach=scheme.approach, run_id='some_run', **options)
 
 
+def test_the_day_goes_from_a_log_into_a_table_and_back(library, tmp_path):
+    """To the microsecond; a run whose times count from 0 has none, and a date before this program is refused."""
+    begun = 1795680083.123456
+    log = write_log(make_run(begun=begun), tmp_path / 'dated', library)
+    text = format_csv(read_log(log).to_run())
+    assert '# first_reading_at: 2026-11-26T08:01:23.123456+00:00\n' in text
+    assert parse_csv(text.encode()).begun == begun
+    undated = write_log(make_run(), tmp_path / 'undated', library)
+    assert read_log(undated).to_run().begun is None and 'first_reading_at' not in format_csv(read_log(undated).to_run())
+    for stated, seconds in (('2026-11-26T09:01:23.123456+01:00', begun), ('2026-11-26 08:01:23', begun // 1)):
+        assert parse_csv(text.replace('2026-11-26T08:01:23.123456+00:00', stated).encode()).begun == seconds
+    for bad in ('yesterday', '1970-01-01T00:00:00Z', '9999-13-01'):
+        with pytest.raises(InvalidData, match='first_reading_at: a date such as 2026-11-27T08:00:34Z, found'):
+            parse_csv(text.replace('2026-11-26T08:01:23.123456+00:00', bad).encode())
+
+
 @settings(max_examples=20, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(n=st.integers(3, 6), seed=st.integers(0, 1000), sigma=st.none() | st.floats(1e-9, 1e-5))

@@ -10,6 +10,7 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.foreign.foreign_table import ForeignTable
 
 COLUMNS = {'name': 'FeatureName', 'x': 'x', 'y': 'y', 'z': 'z', 'time': 'TimeStamp'}
+SPHERES = ('SphereFeatureMeasurement', 'SphereFeatureActual')
 _METRES = {'0.001': 'mm', '0.01': 'cm', '1': 'm', '0.000001': 'um', '0.0254': 'inch'}
 
 
@@ -31,7 +32,15 @@ def read(text: str, source: str) -> ForeignTable | None:
         ) if name[one] == 'UnitConversion' and any(one in part for part in unit.iter() if name[part] == 'LinearUnit')),
         '')
     items = {one.get('id'): inside[one].get('FeatureName', '') for one in name if name[one].endswith('FeatureItem')}
-    spheres = [inside[one] for one in name if name[one] in ('SphereFeatureMeasurement', 'SphereFeatureActual')]
+    sets = [(one.get('id', ''), {items.get(inside[ball].get('FeatureItemId')) or inside[ball].get('FeatureName')
+                                 for ball in one.iter() if name[ball] in SPHERES})
+            for one in name if name[one] == 'MeasurementResults']
+    again = [(other, which) for place, (which, balls) in enumerate(sets) for other, before in sets[:place]
+             if balls & before]
+    if again:
+        raise InvalidData(f'{source}: MeasurementResults: expected the spheres of one run, found the same ones in '
+                          f'those with id {again[0][0]} and {again[0][1]}; export each run to a file of its own')
+    spheres = [inside[one] for one in name if name[one] in SPHERES]
     ends = [0, *(found.end() for found in re.finditer('\n', text))]
     lines = [bisect(ends, found.start()) for found in re.finditer(
         r'<(\w+:)?SphereFeature(Measurement|Actual)[\s>]', text)]
