@@ -147,7 +147,7 @@ CAUSE = replace(TRUTH, hidden=(), part=('frame_step',), family=('frame_drift',),
 OUTLIER = replace(TRUTH, hidden=('outlier',), readings=(5, 9), stray=(9,))
 
 
-@pytest.mark.parametrize(('truth', 'given', 'left', 'expected'), [
+@pytest.mark.parametrize(('truth', 'given', 'left', 'wanted'), [
     (TRUTH, answer(claim('plate_slip'), claim('frame_drift')), 0, 'right'),
     (TRUTH, answer(claim('frame_step', 'plate_slip'), claim('frame_drift')), 0, 'right'),
     (TRUTH, answer(claim('plate_slip'), claim('plate_slip')), 0, 'incomplete'),
@@ -181,7 +181,7 @@ def test_a_claim_is_true_by_its_own_name():
         True, False, False]
 
 
-@pytest.mark.parametrize(('told', 'expected'), [
+@pytest.mark.parametrize(('told', 'wanted'), [
     ([[['table angle', 'ball']]], True), ([[['CMM position', 'ball']]], True), ([[['ball']]], False),
     ([[['table angle', 'ball', 'time']]], False), ([[['ball'], ['ball', 'table angle']]], True), ([], False),
     ([[['ball', 'table angle']], [['time']]], False)])
@@ -199,7 +199,7 @@ TILT = replace(CAUSE, body=('table axis tilting',), variables=said('time'))
 BALL = replace(CAUSE, body=('plate',), variables=said('ball + table angle'))
 
 
-@pytest.mark.parametrize(('truth', 'given', 'expected'), [
+@pytest.mark.parametrize(('truth', 'given', 'wanted'), [
     (TILT, level('table axis tilting', 'temperature', 'time'), 'complete'),
     (TILT, level('table axis tilting', 'travel'), 'wrong'),
     (TILT, level('plate tilting', 'time'), 'wrong'),

@@ -187,7 +187,7 @@ def test_answers_attempts_and_session_are_found_in_the_log():
     assert found.session == 3
 
 
-@pytest.mark.parametrize(('changed', 'found'), [
+@pytest.mark.parametrize(('changed', 'got'), [
     ({'ball': [3, 3]}, 'target 1: expected target 1 (table position 1, ball 1) as planned, the log has table '
                        'position 1, ball 3 of 3'),
     ({'balls': [3, 4]}, 'target 2'), ({'radius': [0.1, 0.2]}, 'target 2'), ({'phase': [1, 3]}, 'target 2'),

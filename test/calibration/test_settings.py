@@ -42,7 +42,7 @@ POINT = Wanted('origin', (0.0, 0.0, 0.0), 'origin, m', -1.0, 1.0)
 FLAG = Wanted('check', True, 'whether')
 
 
-@pytest.mark.parametrize(('expected', 'given', 'taken'), [
+@pytest.mark.parametrize(('wanted', 'given', 'taken'), [
     (WHOLE, 5, 5), (WHOLE, 5.0, 5), (REAL, 1, 1.0), (WORD, 'column', 'column'),
     (POINT, [0, 1, -1.0], (0.0, 1.0, -1.0)), (FLAG, False, False)])
 def test_sensible_values_are_taken_in_the_right_type(wanted, given, taken):
@@ -52,7 +52,7 @@ def test_sensible_values_are_taken_in_the_right_type(wanted, given, taken):
     assert type(got) is type(wanted.default)
 
 
-@pytest.mark.parametrize(('expected', 'given', 'words'), [
+@pytest.mark.parametrize(('wanted', 'given', 'words'), [
     (WHOLE, 2, r'here: balls: expected a whole number in 3 \.\. 1000 \(number of balls\), found 2'),
     (WHOLE, 5.5, 'found 5.5'), (WHOLE, '5', "found '5'"), (WHOLE, True, 'found True'),
     (REAL, math.nan, r'expected a number in 0\.001 \.\. 10 \(radius, m\), found nan'),

@@ -23,7 +23,7 @@ PROFILE = Path(supervisor.__file__).with_name('fastdds.xml')
 LOG = Path(__file__).parents[1] / 'golden' / 'logs' / 'log_clean_n6_diagonal'
 
 
-@pytest.mark.parametrize(('given', 'expected'), [
+@pytest.mark.parametrize(('given', 'wanted'), [
     ({}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
     ({RANGE: LOCAL, 'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}, {TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
     ({RANGE: ''}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),

@@ -337,7 +337,7 @@ def test_a_wrong_clock_of_the_recorder_is_overruled_by_stated_days():
         state(made('simulated')[0], Inputs(parse_identity(undated.encode()), '2020-02-01'))
 
 
-@pytest.mark.parametrize(('version', 'expected'), [
+@pytest.mark.parametrize(('version', 'wanted'), [
     ('2.4.6', 'v2.4.6'), ('2.0.0rc1', 'v2.0.0'), ('11', 'v11'), ('1.2.3.4.5', 'v1.2.3.4'), ('unknown', 'v0')])
 def test_releases_have_their_form(version, wanted):
     """A letter and at most four groups of digits."""

@@ -83,7 +83,7 @@ def test_the_next_readings(rosette, tmp_path):
     assert longer.is_gapless and judge(longer).before.rms > 0
 
 
-@pytest.mark.parametrize(('words', 'expected'), [
+@pytest.mark.parametrize(('words', 'wanted'), [
     (('run.csv', '--readings', '6', '--until', '1.2'),
      "--until: expected a probability above 0.5 and below 1, found '1.2'"),
     (('run.csv', '--readings', '0'), '--readings: expected a whole number in 1 .. 1000'),

@@ -21,7 +21,7 @@ from rosette_ros.invocation import __version__
 SOURCE = 'this needs ROS 2: source the set-up file of ROS 2 and of the workspace'
 
 
-@pytest.mark.parametrize('words, expected', [
+@pytest.mark.parametrize('words, wanted', [
     (('evalute', 'run.csv'), "Unknown verb 'evalute'. Did you mean evaluate?"),
     (('xyz',), "Unknown verb 'xyz'. rosette --help lists them."),
     (('evaluate', 'run.csv', '--jsn'), "Unknown option '--jsn'. Did you mean --json?"),

@@ -230,7 +230,7 @@ def difference(names, angle, size):
     return row
 
 
-@pytest.mark.parametrize(('name', 'expected'), [('both senses', 0.41), ('there and back', 0.58)])
+@pytest.mark.parametrize(('name', 'wanted'), [('both senses', 0.41), ('there and back', 0.58)])
 def test_reversal_has_the_uncertainty_of_the_readings_behind_it(name, wanted):
     """With its mean, as everything else is the same in both senses: 0.41 and 0.58 sigma."""
     runs, sharing = TWICE[name], Sharing.of(2, by_sense=True)
@@ -242,7 +242,7 @@ def test_reversal_has_the_uncertainty_of_the_readings_behind_it(name, wanted):
     assert np.linalg.norm(back - forwards, axis=1) == pytest.approx(each, rel=1e-6)
 
 
-@pytest.mark.parametrize(('balls', 'expected'), [(MOVED, 0.31), (SIX, 0.44)])
+@pytest.mark.parametrize(('balls', 'wanted'), [(MOVED, 0.31), (SIX, 0.44)])
 def test_irregular_plates_know_each_position_of_a_fine_table(balls, wanted):
     """u(ctx) of 36 positions: 0.31 sigma with 12 balls, 0.44 with 6."""
     runs = [run_of(FINE, balls)]

@@ -63,7 +63,7 @@ def test_the_penalty_is_that_of_a_run(n, data):
     assert relative_uncertainty(variance, RADIUS) == pytest.approx(wanted, rel=1e-6)
 
 
-@pytest.mark.parametrize('n, size, expected', PENALTIES)
+@pytest.mark.parametrize('n, size, wanted', PENALTIES)
 def test_uncertainty_of_good_sets(n, size, wanted):
     """The uncertainty of the curves relative to a complete run, within one per cent."""
     assert penalty(n, best_members(n, size)) == pytest.approx(wanted, rel=0.01)

@@ -56,7 +56,7 @@ RESPONSES = [
 ]
 
 
-@pytest.mark.parametrize(('line', 'expected'), COMMANDS)
+@pytest.mark.parametrize(('line', 'wanted'), COMMANDS)
 def test_commands(line, wanted):
     """Those of the specification are read, and written so that they are read again."""
     command = parse_command(line)
@@ -64,7 +64,7 @@ def test_commands(line, wanted):
     assert parse_command(command.line()) == command
 
 
-@pytest.mark.parametrize(('line', 'expected'), RESPONSES)
+@pytest.mark.parametrize(('line', 'wanted'), RESPONSES)
 def test_responses(line, wanted):
     """Both dialects are read and written."""
     assert parse_response(line) == wanted

@@ -226,7 +226,7 @@ def test_other_messages_are_kept_for_information(make_cell, tmp_path):
     assert log.end_ns - log.start_ns == 10**7 * (len(cell.sent) - 1)
 
 
-@pytest.mark.parametrize(('said', 'name', 'key', 'expected'), [
+@pytest.mark.parametrize(('said', 'name', 'key', 'wanted'), [
     ({}, 'rosette/cmm', 'simulated_s', True), ({}, 'rosette/cmm', 'measured', False),
     ({}, 'gazebo', 'simulated_s', False), ({}, '', '', False), ({'rosette.simulated': 'yes'}, '', '', True)])
 def test_a_run_is_simulated_if_its_cell_says_so(make_cell, tmp_path, said, name, key, wanted):

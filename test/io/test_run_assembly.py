@@ -476,7 +476,7 @@ def test_a_pause_is_marked_and_the_order_is_that_of_the_sessions():
 TURNED = 2 * np.pi * np.arange(9) / 3
 
 
-@pytest.mark.parametrize(('after', 'expected'), [
+@pytest.mark.parametrize(('after', 'wanted'), [
     (TURNED[5:] - TURNED[5] + 0.1, TURNED[5:]),  # the table counts from 0 again
     (TURNED[5:] + 2 * np.pi, TURNED[5:] + 2 * np.pi),  # it went on, and turned once more during the pause
 ])

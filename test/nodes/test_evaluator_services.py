@@ -216,7 +216,7 @@ def test_every_change_is_published(answers, ask, wait_until):
     assert len(ask.heard['model']) >= 1 + 3  # and the one of the start, if it was heard
 
 
-@pytest.mark.parametrize(('expected', 'words'), [
+@pytest.mark.parametrize(('wanted', 'words'), [
     ({'until_probability': float('nan')}, 'until.probability: expected a number in 0 .. 1 '),
     ({'until_probability': -5.0}, 'until.probability: expected a number in 0 .. 1 '),
     ({'until_probability': 0.3}, 'until.probability: expected a number above 0.5 and below 1, or 0 for none, found '

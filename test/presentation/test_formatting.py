@@ -48,7 +48,7 @@ def test_probabilities(p, shown):
     assert p_value(p) == shown
 
 
-@pytest.mark.parametrize(('shown', 'expected'), [
+@pytest.mark.parametrize(('shown', 'wanted'), [
     (fixed(-1.234, 1), '−1.2'), (fixed(-0.04, 1), '0.0'), (text.signed(-0.04, 1), '+0.0'),
     (text.signed(2, 1), '+2.0'), (plain(-1.234, 1), '-1.2'), (exact(51.428571, 3), '51.429'),
     (exact(-60.0, 3), '−60'), (micrometres(9.5e-8), '0.0950 µm'), (text.millimetres(0.1825), '182.5 mm'),
