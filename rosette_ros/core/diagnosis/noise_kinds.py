@@ -23,6 +23,7 @@ from rosette_ros.core.model.model import NOISE_TERMS
 from rosette_ros.core.model.noise import Noise, Whitening, places
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 NOT_WHITE = 0.2
 """Share of the runs whose noise is not white and equal, shared out evenly over its kinds."""
@@ -132,14 +133,16 @@ class Left:
 
 
 def _joined(beside: Beside, products: Floats, log_det: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return log likelihoods, square sums (...,) and amplitudes (..., k) of products (..., k + 1, k + 1)."""
-    square, across, gram = products[..., 0, 0], products[..., 1:, 0], products[..., 1:, 1:]
+    """Return log likelihoods, square sums (...,) and amplitudes (..., k) of products (..., k + 1, k + 1).
+
+    That of nothing but the model, and the log Bayes factor of the columns beside it."""
+    left, across, gram = np.maximum(products[..., 0, 0], 1e-300), products[..., 1:, 0], products[..., 1:, 1:]
     root = np.linalg.cholesky(gram + np.diag(beside.precision))
     amplitude = np.linalg.solve(root.swapaxes(-1, -2), np.linalg.solve(root, across[..., None]))[..., 0]
-    square = square - np.sum(amplitude * across, axis=-1)
-    diagonal = np.diagonal(root, axis1=-2, axis2=-1)
-    log_det = log_det + 2 * np.sum(np.log(diagonal), axis=-1) - np.sum(np.log(beside.precision))
-    return -0.5 * beside.dof * np.log(np.maximum(square, 1e-300)) - 0.5 * log_det, square, amplitude
+    fall = np.sum(amplitude * across, axis=-1)
+    grown = 2 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1) - np.sum(np.log(beside.precision))
+    alone = -0.5 * beside.dof * np.log(left) - 0.5 * log_det
+    return alone + log_bayes_factor(grown, fall, left, beside.dof), left - fall, amplitude
 
 
 @dataclass(frozen=True, eq=False)
