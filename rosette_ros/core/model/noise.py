@@ -25,8 +25,8 @@ from rosette_ros.core.run.records import Floats, Ints, Run
 AXES = ('x', 'y', 'z')
 CHECK = 10
 SECTIONS = 12
-BLOCK, MANY = 24, 64
-"""Readings of a block, and rows from which on whitening by blocks is the quicker way."""
+BLOCK = 24
+"""Readings of a block."""
 SAME = 0.99
 """Share of readings in which two places agree that cannot be distinguished."""
 Real = TypeVar('Real', bound=np.floating[Any])
@@ -180,7 +180,7 @@ class Whitening:
         return 1 / sizes.pop() if len(sizes) == 1 else 0.0
 
     def along(self, axis: int) -> 'AxisFilter':
-        """Return W of one axis."""
+        """Return W of one axis, where the noise wanders."""
         key = (float(self.sd[axis]), float(self._wander[axis])) if self.sd.ndim == 1 else axis
         if key not in self._made:
             sd = np.broadcast_to(self.sd, (self.size, 3))[:, axis]
@@ -189,6 +189,8 @@ class Whitening:
 
     def log_det_of(self, axes: Sequence[int]) -> float:
         """Return the logarithm of det C of some axes."""
+        if self.is_diagonal:
+            return -2 * float(np.sum(np.log(self.factors[:, list(axes)])))
         return float(sum(self.along(axis).log_det for axis in axes))
 
     @cached_property
@@ -220,18 +222,18 @@ class Whitening:
         for axis in range(3):
             busy = columns[..., axis].any(axis=-1)
             if busy.any():
-                out[busy, :, axis] = getattr(self.along(axis), what)(columns[busy, :, axis])
+                out[busy, :, axis] = getattr(self.along(axis), what)(columns[busy, :, axis].T).T
         return out
 
 
 class AxisFilter:
-    """W of one axis: rows (m, N) to rows (m, N); log_det: the logarithm of det C of the axis."""
+    """W of one axis, columns (N, m) to columns (N, m); log_det: the logarithm of det C of the axis.
+
+    Its readings stand in blocks of BLOCK: W of a block is that of its readings, and the first column of G^-1 times what
+    the block before hands on, one number for each column."""
 
     def __init__(self, sd: Floats, phi: float, wander: float) -> None:
-        self._sd, self._phi, self._wanders = sd, phi, wander > 0
-        self.log_det = 2 * float(np.sum(np.log(sd)))
-        if not self._wanders:
-            return
+        self._phi = phi = phi if wander else 0.0
         self._first = np.sqrt(1 - phi**2) if phi < 1 else 1.0
         scale = np.full(sd.size, 1.0)
         scale[0] = self._first
@@ -258,17 +260,20 @@ class AxisFilter:
         inverse = np.linalg.inv(both[0])
         return np.asarray(inverse @ both[1]), inverse[:, :, 0]
 
+    def _blocks(self, dtype: Any) -> list[tuple[slice, NDArray[Any], NDArray[Any]]]:
+        """Return of each block its readings and its parts of `_in_blocks`."""
+        size, (inside, first) = len(self._band[0]), (one.astype(dtype, copy=False) for one in self._in_blocks)
+        parts = [slice(start, min(start + BLOCK, size)) for start in range(0, size, BLOCK)]
+        width = [part.stop - part.start for part in parts]
+        return [(part, own[:w, :w], one[:w]) for part, own, one, w in zip(parts, inside, first, width)]
+
     def normal_equations(self, columns: Any) -> Floats:
         """Return (W A)' W A, (q, q), of columns A (N, q), dense where these are few, or sparse.
 
-        W of a block is that of its readings, and the first column of G^-1 times what the block before hands on: one
-        number for each column of A, which follows from the rows of that block and from what was handed to it."""
+        Of sparse ones no product is written out: what a block hands on follows from its rows and what it was handed."""
         if isinstance(columns, np.ndarray):
-            own = self.of_columns(columns)
+            own = self.apply(columns)
             return np.asarray(own.T @ own)
-        if not self._wanders:
-            white = scipy.sparse.diags_array(1 / self._sd) @ columns
-            return np.asarray((white.T @ white).toarray())
         size, (inside, first) = columns.shape[0], self._in_blocks
         count, start = len(first), np.minimum(np.arange(len(first) + 1) * BLOCK, size)
         below = np.append(self._band[1, start[1:-1] - 1], 0.0)
@@ -285,57 +290,32 @@ class AxisFilter:
         pairs = scipy.sparse.bsr_array((inside.swapaxes(1, 2) @ inside, np.arange(count), np.arange(count + 1)))
         return np.asarray((columns.T @ (pairs.tocsr()[:size, :size] @ columns)).toarray() + both + both.T)
 
-    def of_columns(self, columns: NDArray[Any]) -> Floats:
-        """Return W of columns (N, m) by products of blocks, in a fifth of the time of `apply` where these are many."""
-        if not self._wanders:
-            return np.asarray(columns / self._sd[:, None])
-        inside, first = (one.astype(columns.dtype) for one in self._in_blocks)
+    def apply(self, columns: NDArray[Any]) -> NDArray[Any]:
+        """Return W of columns."""
         out = np.empty(columns.shape, columns.dtype)
-        for block, start in enumerate(range(0, len(columns), BLOCK)):
-            part = slice(start, min(start + BLOCK, len(columns)))
-            width = part.stop - start
-            np.matmul(inside[block, :width, :width], columns[part], out=out[part])
-            if start:
-                before = -self._phi * columns[start - 1] - float(self._band[1, start - 1]) * out[start - 1]
-                out[part] += first[block, :width, None] * before
+        for part, inside, first in self._blocks(columns.dtype):
+            np.matmul(inside, columns[part], out=out[part])
+            if last := part.start:
+                before = -self._phi * columns[last - 1] - float(self._band[1, last - 1]) * out[last - 1]
+                out[part] += first[:, None] * before
         return out
 
-    def apply(self, rows: NDArray[Any]) -> Floats:
-        if not self._wanders:
-            return np.asarray(rows / self._sd)
-        if len(rows) >= MANY:
-            return self.of_columns(rows.T).T
-        moved = rows.T.astype(rows.dtype)
-        moved[1:] -= self._phi * rows.T[:-1]
-        moved[0] *= self._first
-        return _banded(self._band, moved, b'N').T
+    def adjoint(self, columns: NDArray[Any]) -> NDArray[Any]:
+        """Return W' of columns: what a block was handed goes back to the block before."""
+        out, given = np.empty(columns.shape, columns.dtype), columns.copy()
+        handed = np.zeros(columns.shape[1], columns.dtype)
+        for part, inside, first in reversed(self._blocks(columns.dtype)):
+            np.matmul(inside.T, given[part], out=out[part])
+            out[part.stop - 1] -= self._phi * handed
+            if last := part.start:
+                handed = first @ given[part]
+                given[last - 1] -= float(self._band[1, last - 1]) * handed
+        return out
 
-    def adjoint(self, rows: NDArray[Any]) -> Floats:
-        if not self._wanders:
-            return np.asarray(rows / self._sd)
-        solved = _banded(self._band, rows.T.astype(rows.dtype), b'T')
-        out = solved.copy()
-        out[0] *= self._first
-        out[:-1] -= self._phi * solved[1:]
-        return out.T
-
-    def inverse(self, rows: NDArray[Any]) -> Floats:
-        if not self._wanders:
-            return np.asarray(rows * self._sd)
-        white = rows.T.astype(rows.dtype)
-        moved = self._band[0][:, None] * white
-        moved[1:] += self._band[1, :-1, None] * white[:-1]
-        difference = np.ones((2, len(white)))
+    def inverse(self, columns: NDArray[Any]) -> NDArray[Any]:
+        """Return W^-1 = D^-1 G of columns."""
+        moved = self._band[0].astype(columns.dtype)[:, None] * columns
+        moved[1:] += self._band[1, :-1].astype(columns.dtype)[:, None] * columns[:-1]
+        difference = np.ones((2, len(columns)), columns.dtype)
         difference[0, 0], difference[1] = self._first, -self._phi
-        return _banded(difference, moved, b'N').T
-
-
-def _banded(band: Floats, rows: Floats, transposed: bytes) -> Floats:
-    """Return the solution of a lower triangle of two diagonals for rows (N, m), which it may overwrite.
-
-    Single precision stays, and takes half the time."""
-    if not rows.size:  # which LAPACK does not survive
-        return rows
-    solve = scipy.linalg.lapack.stbtrs if rows.dtype == np.float32 else scipy.linalg.lapack.dtbtrs
-    out: Floats = solve(band.astype(rows.dtype), rows, uplo=b'L', trans=transposed, overwrite_b=True)[0]
-    return out
+        return np.asarray(scipy.linalg.solve_banded((1, 0), difference, moved, check_finite=False))
