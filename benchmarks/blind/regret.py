@@ -20,8 +20,7 @@ def regret(run: Run, hidden: Sequence[str]) -> float | None:
     found = search_of(run)
     search = Search(found.readings.white)
     visited = max(found.posterior.log_evidence(key) for key in found.posterior.keys if not key[1])
-    if not found.posterior.noise.resolution:
-        visited -= log(1 - NOT_WHITE)  # which a hypothesis in white noise has as its prior
+    visited -= log(1 - NOT_WHITE)  # which a hypothesis in white noise has as its prior
     made = [state for order in dict.fromkeys(permutations(hidden)) if (state := _of(search, order)) is not None]
     if not hidden or not made:
         return None

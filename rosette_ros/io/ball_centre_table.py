@@ -15,8 +15,17 @@ import numpy as np
 from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.core.run.axes import ALONG, moving_axes, words
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.core.run.geometry import Bools, Floats, fitted_frame, nominal_angles, rotate_z, turned_frame, wrap
-from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.geometry import (
+    Bools,
+    Floats,
+    fitted_frame,
+    nominal_angles,
+    rotate_z,
+    rotation_matrix,
+    turned_frame,
+    wrap,
+)
+from rosette_ros.core.run.records import Run, turned_steps
 from rosette_ros.core.run.scheme import cmm_position, nominal_places
 from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.csv_parser import COLUMNS, WAY_COLUMNS, CsvTable
@@ -81,7 +90,10 @@ def parse_csv(data: bytes, source: str = 'table', columns_of: ColumnMap | None =
         run_id=table.run_id, repeats=table.repeats, session=table.session,
         source=source, notes=tuple(notes), simulated=table.simulated,
         rotation=table.rotation, table_offset=table.table_offset, begun=table.begun, **recorded)
-    return run.replace(remarks=remarks_on_table(run, table.step, 'time_s' in columns))
+    turn = table.rotation if table.in_machine else rotation_matrix([0.0, 0.0, table.table_offset])
+    steps = table.steps if turn is None else turned_steps(table.steps, turn)
+    return run.replace(remarks=remarks_on_table(run, float(table.steps.max()), 'time_s' in columns),
+                       written_steps=None if np.array_equal(steps, run.steps) else steps)
 
 
 def read_with_plate(path: str | Path) -> Readings:
@@ -103,7 +115,7 @@ def read_with_plate(path: str | Path) -> Readings:
                     wrap(angle + table.table_offset - nominal),
                     table.columns.get('approach', np.zeros(table.ball.size)).astype(np.int64),
                     table.repeatability, table.repeatability_dof, None, table.run_id, str(path), tuple(notes),
-                    table.simulated, table.rotation)
+                    table.simulated, table.rotation, rounding=float(np.sqrt(np.mean(table.steps**2) / 12)))
 
 
 def write_csv(run: Run, path: str | Path, force: bool = False) -> None:

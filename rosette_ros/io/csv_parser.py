@@ -13,7 +13,7 @@ import numpy as np
 
 from rosette_ros.core.run.errors import InvalidData, counted, plain
 from rosette_ros.core.run.geometry import Floats, Ints
-from rosette_ros.core.run.records import Bools, resolution_of
+from rosette_ros.core.run.records import Bools, steps_of
 from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, proposed
 from rosette_ros.io.csv_cells import cells_of
 from rosette_ros.io.foreign.foreign_table import ForeignTable
@@ -323,12 +323,12 @@ class CsvTable:
     """A table as it was written, N rows.
 
     columns: array (N,) by column name, units as in the name, without those of which nothing is given; centre: (N, 3),
-    mm; angle_cells: the texts of table_angle_deg; lines: line of each row; radius, repeatability: m; step: to which the
-    coordinates are rounded, m, 0 where they are not; begun: as of Run;
-    balls: as the heading says, or None; session: (N,) 1 and one more
-    from each row of `pauses_before` on; in_machine: whether the coordinates are in the machine frame; rotation: as of
-    Run; plate, positions: the plate file, '' where the pitch is equal, and how many steps a turn of the table has, or
-    None; table_offset: table angle of table position 1, rad; notes: how the table was read, in words."""
+    mm; angle_cells: the texts of table_angle_deg; lines: line of each row; radius, repeatability: m; steps: (N, 3) to
+    which the coordinates are rounded, m, 0 where they are not; begun: as of Run; balls: as the heading says, or None;
+    session: (N,) 1 and one more from each row of `pauses_before` on; in_machine: whether the coordinates are in the
+    machine frame; rotation: as of Run; plate, positions: the plate file, '' where the pitch is equal, and how many
+    steps a turn of the table has, or None; table_offset: table angle of table position 1, rad; notes: how the table was
+    read, in words."""
 
     def __init__(self, data: bytes, source: str, columns_of: ColumnMap | None = None) -> None:
         sheet = _Sheet(data, source, columns_of)
@@ -344,7 +344,7 @@ class CsvTable:
         self.columns = {name: values if factor == 1 else values * factor for name, values in made.items()
                         if (factor := sheet.columns[name][1])}
         self.centre: Floats = np.stack([self.columns[name] for name in _PLACE], axis=-1)
-        self.step = resolution_of(written / 1e3) * sheet.columns['x_mm'][1]
+        self.steps: Floats = steps_of(written / 1e3) * sheet.columns['x_mm'][1]
         self.table_position, self.ball = (self.columns[name].astype(np.int64) for name in ('table_position', 'ball'))
         if absent := [f'{name} ({words})' for name, words in _ABSENT.items() if name not in self.columns]:
             self.notes.append(f'not in the table: {", ".join(absent)}')

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.core.run.geometry import Frame, fitted_frame, rotate_z, turned_frame
-from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.geometry import Frame, fitted_frame, rotate_z, rotation_matrix, turned_frame
+from rosette_ros.core.run.records import Floats, Ints, Run, steps_of, turned_steps
 from rosette_ros.core.run.remarks import Remark
 from rosette_ros.core.run.scheme import Way, joined_travel, nominal_places
 from rosette_ros.io import messages
@@ -166,6 +166,8 @@ class RunAssembly:
                               f'{y:.3f}, 0) mm in the table frame for table position {i}, ball {j}, found ({got}); was '
                               'another ball measured, or is the table frame wrong?')
         sigma, dof = self.repeatability()
+        written = steps_of([answer.centre for answer in answers])
+        turn = rotation_matrix([0.0, 0.0, offset]) if self.answers.is_in_table_frame else rotation
         run = Run(
             n=n, radius=radius, table_position=table_position, ball=ball, centre=centre, table_angle=angle,
             time=_joined_time((stamp - stamp[0]) * 1e-9, session),
@@ -174,7 +176,9 @@ class RunAssembly:
             repeatability=sigma, repeatability_dof=dof, run_id=self.answers.run_id, session=session, source=self.source,
             rotation=rotation, repeatability_axes=repeated, table_offset=offset,
             repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
-        return run.replace(remarks=self.remarks + remarks_on_run(run))
+        steps = written if turn is None else turned_steps(written, turn)
+        return run.replace(remarks=self.remarks + remarks_on_run(run),
+                           written_steps=None if np.array_equal(steps, run.steps) else steps)
 
     def _way(self, targets: Sequence[Target], rotation: Floats | None) -> dict[str, Any]:
         """Return the senses of the CMM at targets from all that it was sent to, answered or not.

@@ -246,10 +246,10 @@ def noise_message(fit: 'Fit') -> msg.Noise:
     """Return the Noise message of the noise under which a run was fitted."""
     noise = fit.noise
     return msg.Noise(
-        sigma=float(fit.sigma), sigma_source=fit.sigma_source, is_white=noise.is_white and not noise.resolution,
+        sigma=float(fit.sigma), sigma_source=fit.sigma_source, is_white=noise.is_white and not fit.step,
         words=noise_words(noise_facts(fit)), axes=noise.axes, by=noise.by, factors=noise.factors, tail=noise.tail,
         tail_dof=float(noise.tail_dof), memory=float(noise.phi), wander=noise.wander,
-        resolution=float(noise.resolution))
+        resolution=float(fit.step))
 
 
 def candidate_message(entry: 'MissingEffect') -> msg.Candidate:

@@ -68,9 +68,9 @@ def noise_json(fit: Fit) -> Json:
     """Return what the noise is like; standard deviations and variances in units of sigma_m."""
     noise = fit.noise
     return {
-        'is_white': noise.is_white and not noise.resolution, 'axes': noise.axes, 'by': noise.by,
+        'is_white': noise.is_white and not fit.step, 'axes': noise.axes, 'by': noise.by,
         'factors': noise.factors, 'tail': noise.tail, 'tail_dof': noise.tail_dof, 'memory': noise.phi,
-        'wander': noise.wander, 'resolution_m': noise.resolution,
+        'wander': noise.wander, 'resolution_m': fit.step,
         'words': noise_words(noise_facts(fit))}
 
 

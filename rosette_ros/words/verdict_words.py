@@ -3,7 +3,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from math import isnan
+from math import hypot, isnan
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.limits import LISTED, SURE
@@ -175,11 +175,8 @@ def _sentences(verdict: Verdict) -> list[str]:
         out.append(f'The stated repeatability is {multiple(verdict.too_large)} times what the readings show, so '
                    'uncertainties based on it are too large.')
     if verdict.noise.is_other:
-        out.append(f'The noise is {noise_kind(verdict.noise)}: {"; ".join(noise_words(verdict.noise))}.')
-    if verdict.step and verdict.after:
-        share = 100 * (verdict.step / verdict.after.rms)**2 / 12
-        out.append(f'The readings are rounded to {micrometres(verdict.step)}, which accounts for {share:.0f} % of the '
-                   'variance of the residual.')
+        out.append(f'The noise is {noise_kind(verdict.noise)}: {"; ".join(_other_noise(verdict.noise))}.')
+    out += [f'{capital(one)}.' for one in _rounding_words(verdict.noise)]
     beside = [one for one in verdict.doubtful if one[1] >= SURE and (verdict.missing or verdict.unnamed)]
     out += [f'{lead}: {names(f"{title_of(name)} ({chance(p)})" for name, p in some)}.' for lead, some in (
         ('Not added to the model, as it may be a part of the motion above', beside),
@@ -392,11 +389,12 @@ def _against_repeatability(residual: Residual) -> str:
     known, p = residual.repeatability, residual.p
     if known is None or p is None:
         return ''
-    ratio = residual.rms / known
+    ratio = residual.rms / hypot(known, residual.rounding)
     part = (f', {multiple(residual.quietest * ratio)} times in its quietest part'
             if residual.quietest < 0.5 else '')
     return (f'the residual of {micrometres(residual.rms)} is {multiple(ratio)} times the stated repeatability of '
-            f'{micrometres(known)}{part} ({p_words(p)})')
+            f'{micrometres(known)}{" with rounding" * bool(residual.rounding)}{part} '
+            f'({p_words(p)})')
 
 
 def _actions(verdict: Verdict) -> list[str]:
@@ -519,7 +517,7 @@ def noise_kind(noise: NoiseFacts) -> str:
     """Return what noise is not: 'not white and not equal'."""
     lacks = [name for name, is_it in (('white', noise.is_correlated), ('equal', noise.worse or noise.noisiest),
                                       ('normal', noise.tail)) if is_it]
-    return ' and '.join(f'not {one}' for one in lacks) or 'that of rounding'
+    return ' and '.join(f'not {one}' for one in lacks)
 
 
 def kind_words(kind: str) -> str:
@@ -530,10 +528,17 @@ def kind_words(kind: str) -> str:
 
 
 def noise_words(noise: NoiseFacts) -> list[str]:
-    """Return in what the noise of a run is other than white and equal."""
+    """Return in what the noise of a run is other than white and equal, rounding too."""
+    return [*_rounding_words(noise), *_other_noise(noise)]
+
+
+def _rounding_words(noise: NoiseFacts) -> list[str]:
+    return [f'the readings are rounded to {micrometres(noise.step)}, which accounts for {100 * noise.rounded:.0f} % of '
+            'the variance of the residual'] * (noise.step > 0)
+
+
+def _other_noise(noise: NoiseFacts) -> list[str]:
     out = []
-    if noise.resolution:
-        out.append(f'the readings are rounded to {micrometres(noise.resolution)}')
     if noise.worse:
         each = ', '.join(significant(1e6 * one, 2) for one in noise.scatter)
         out.append(f'standard deviations in x, y, z: {each} µm')
@@ -556,8 +561,6 @@ def noise_words(noise: NoiseFacts) -> list[str]:
 def noise_actions(noise: NoiseFacts) -> list[str]:
     """Return what to do about each of these."""
     out = []
-    if noise.resolution:
-        out.append('export the coordinates with more digits')
     if noise.worse:
         axes = names(_axes(one) for one, _ in noise.worse)
         out.append(f'check the probe and the slide of {axes} (the readings are weighted accordingly)'

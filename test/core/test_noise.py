@@ -15,7 +15,7 @@ from rosette_ros.core.diagnosis.diagnosis import find, judge
 from rosette_ros.core.diagnosis.noise_hypotheses import noise_beside
 from rosette_ros.core.diagnosis.noise_kinds import Beside
 from rosette_ros.core.diagnosis.verdict import Outcome
-from rosette_ros.core.model.least_squares import fit, observed
+from rosette_ros.core.model.least_squares import fit, observed, white_noise
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import Noise, Whitening
 from rosette_ros.core.planning.advice import planned_run
@@ -136,14 +136,60 @@ def test_what_noise_is_like_stands_in_the_sentence():
 
 @pytest.mark.long
 def test_rounding_is_told_as_rounding():
-    """Readings in steps of 1 um, whose noise is a tenth of that: no effect; in steps of the noise: no doubt."""
+    """Readings in steps of 1 um, whose noise is a tenth of that: no effect, and no noise beyond both."""
     run = synthetic_run(12, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
     verdict = judge(run.replace(centre=np.round(run.centre, 6)))
-    assert verdict.outcome == Outcome.SCATTERS
-    assert 'rounded to 1.00 µm' in verdict_text(verdict).sentence
+    assert verdict.outcome == Outcome.FITS
+    assert 'the stated repeatability of 0.100 µm with rounding' in verdict_text(verdict).sentence
+    assert 'rounded to 1.00 µm, which accounts for 9' in verdict_text(verdict).sentence
     as_much = judge(run.replace(centre=np.round(run.centre, 7)))
     assert as_much.outcome == Outcome.FITS
     assert 'rounded to 0.100 µm, which accounts for 9 % of the variance' in verdict_text(as_much).sentence
+
+
+def significant_digits(values, digits):
+    """Return values with so many significant digits, as a spreadsheet writes them."""
+    return np.array([float(f'{value:.{digits - 1}e}') for value in values.ravel()]).reshape(values.shape)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('digits', 'seed', 'known'), [
+    (3, 5, SIGMA), (3, 5, None), (4, 3, SIGMA), (5, 3, SIGMA), (5, 5, SIGMA)])
+def test_few_significant_digits_are_no_effect(digits, seed, known):
+    """The step of x of 182.5 mm is not that of z of 3 um: no cause is named, and U contains the rounding."""
+    run, curves, *_ = synthetic_run(6, 'interleaved', seed, noise=SIGMA, repeatability=known)
+    run = run.replace(centre=significant_digits(1e3 * run.centre, digits) / 1e3)
+    found = find(run)
+    assert not found.missing and not found.unnamed and not found.verdict.model_fails
+    assert np.ptp(run.steps) > 0 and found.final.sigma >= 0.99 * run.rounding
+    error = (remove_gauge(found.final.error_motions.values) - remove_gauge(curves)) / found.final.error_motions.u
+    assert np.sqrt(np.mean(error**2)) < (1.5 if digits > 3 else 2.0)
+
+
+def test_rounding_of_no_account_changes_nothing():
+    """Seven significant digits of 182.5 mm are 0.1 um, and those of z a thousandth of that; ten are none."""
+    run = synthetic_run(6, 'interleaved', 3, noise=SIGMA, repeatability=SIGMA)[0]
+    fine = run.replace(centre=significant_digits(1e3 * run.centre, 8) / 1e3)
+    assert np.ptp(fine.steps) > 0 and white_noise(fine).is_white
+    plain = fit(fine, noise=Noise())
+    assert np.array_equal(fit(fine).error_motions.values, plain.error_motions.values)
+    assert fit(fine).sigma == pytest.approx(SIGMA, rel=2e-3)
+    assert run.rounding == 0 and fit(run).sigma == SIGMA
+
+
+def test_a_known_scatter_contains_rounding():
+    """A step in steps of the noise: variance and degrees of freedom; what readings that are alike show is not less."""
+    run = synthetic_run(6, 'interleaved', 3, noise=SIGMA, repeatability=SIGMA)[0].replace(repeatability_dof=20.0)
+    assert run.scatter == (SIGMA, 20.0)
+    rounded = run.replace(centre=np.round(run.centre, 6))
+    size = np.hypot(SIGMA, 1e-6 / np.sqrt(12))
+    assert rounded.scatter == pytest.approx((size, 20 * (size / SIGMA)**4))
+    alike = synthetic_run(6, 'interleaved', 1, noise=SIGMA)[0]
+    alike = alike.replace(centre=np.rint(alike.centre / 2e-5) * 2e-5)
+    found = fit(alike)
+    assert found.rms < 2e-5 / np.sqrt(12) and found.sigma == alike.rounding == pytest.approx(2e-5 / np.sqrt(12))
+    assert found.sigma_source == 'rounding of the coordinates'
+    assert alike.take(np.arange(20)).steps.shape == (20, 3)
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ import pytest
 from test_ball_centre_table import TABLE, changed, parse, rows, same
 
 from rosette_ros.cli.main import main
+from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Frame, rotation_matrix
 from rosette_ros.core.run.records import Run
@@ -132,8 +133,11 @@ def test_rounding_is_found_before_the_frame_is_turned():
         lines = format_csv(run.replace(centre=frame.to_outer(run.centre))).replace('_mm,', f'_{unit},').splitlines()
         rounded = [','.join([*cells[:5], *(f'{float(one) / factor:.{digits}f}' for one in cells[5:8]), *cells[8:]])
                    if (cells := line.split(','))[0].isdigit() else line for line in lines]
-        remarks = parse('\n'.join(['# frame: machine', *rounded])).remarks
+        read = parse('\n'.join(['# frame: machine', *rounded]))
+        remarks = read.remarks
         assert any(remark_words(one).startswith(f'readings are rounded to {step}') for one in remarks), remarks
+        assert read.rounding == pytest.approx(1e-3 * factor * 10.0**-digits / 12**0.5)
+        assert fit(read).sigma >= read.rounding
 
 
 def test_import_and_info_say_what_was_taken(tmp_path, capsys):

@@ -99,7 +99,9 @@ def test_why_a_likely_name_is_not_added():
     (NoiseFacts(walk=2e-7), 'The noise is not white: the frame wanders by 0.200 µm over the run (random walk).'),
     (NoiseFacts(worse=(('z', 2.5),), than='xy', scatter=(8e-8, 8e-8, 2e-7)),
      'The noise is not equal: standard deviations in x, y, z: 0.080, 0.080, 0.20 µm.'),
-    (NoiseFacts(resolution=1e-6), 'The noise is that of rounding: the readings are rounded to 1.00 µm.')])
+    (NoiseFacts(1e-6, 0.9, tail='reading', tail_dof=3.0),
+     'The noise is not normal: single readings are farther off than a normal distribution allows (Student, 3 degrees '
+     'of freedom). The readings are rounded to 1.00 µm, which accounts for 90 % of the variance of the residual.')])
 def test_noise_is_said_by_what_it_is_not(noise, words):
     """Of readings that are correlated nobody says that they show no structure."""
     sentence = verdict_text(Verdict(Outcome.NOISE, AFTER, AFTER, noise=noise)).sentence

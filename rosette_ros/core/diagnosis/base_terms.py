@@ -20,8 +20,8 @@ def f_test(before: Fit, after: Fit) -> float:
     extra, left = after.rank - before.rank, max(after.rms**2 * after.dof, 1e-300)
     if extra <= 0:
         return 1.0
-    return float(scipy.special.fdtrc(extra, after.dof, max(before.rms**2 * before.dof - left, 0.0) / extra
-                               / (left / after.dof)))
+    noise = max(left, after.run.rounding**2 * after.dof) / after.dof
+    return float(scipy.special.fdtrc(extra, after.dof, max(before.rms**2 * before.dof - left, 0.0) / extra / noise))
 
 
 def missing_base(run: Run, start: Fit) -> tuple[str, ...]:

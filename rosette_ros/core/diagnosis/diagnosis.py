@@ -26,7 +26,6 @@ from rosette_ros.core.diagnosis.explained_fit import (
     over_all,
 )
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, noise_beside
-from rosette_ros.core.diagnosis.null_gains import is_coarse
 from rosette_ros.core.diagnosis.posterior import Explanation
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.run_search import RunSearch
@@ -34,9 +33,8 @@ from rosette_ros.core.diagnosis.verdict import Verdict, decide, facts_of
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, fit
 from rosette_ros.core.model.model import Model, Term
-from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.core.run.records import Run, resolution_of
+from rosette_ros.core.run.records import Run
 from rosette_ros.core.sight.bank import why_not_judged
 from rosette_ros.core.sight.visibility import strongest_first
 from rosette_ros.core.uncertainty.hidden_effects import unseen
@@ -196,8 +194,6 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
     """
     if white.rms < NOISELESS:
         return white
-    if is_coarse(white):
-        return replace(white, noise=Noise(resolution=resolution_of(run.centre)))
     kinds = noise_beside(white)
     if not kinds.may_be:
         return white
@@ -205,7 +201,7 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
         with _bounded(run):
             return search_of(run, model).start
     noise = kinds.found()[0].noise
-    return white if noise.is_white else fit(run, model, choose_settings(run, model, noise), noise)
+    return white if not noise.kinds else fit(run, model, choose_settings(run, model, noise), noise)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ HEARD = 1e-3
 """Probability of a hypothesis below which nobody asks what it says: its share counts in no sum that is told."""
 LISTED = 0.03
 """Probability from which on an explanation is fitted, a law is said and, over that of a name, another name is listed
-that the run cannot tell from it; share of the variance from which on rounding is told."""
+that the run cannot tell from it."""
 WHOLE = 0.95
 """Probability that the explanations that are listed, the readings between which an event lies, and the bodies and
 variables that are said, hold together."""

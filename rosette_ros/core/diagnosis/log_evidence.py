@@ -191,8 +191,9 @@ class Suggestion:
 class Evidence:
     """The readings of a run under a model and a noise, and the bank of candidates.
 
-    y: (3 N,) what the model leaves, white, in units of its rms; dof: its degrees of freedom; shares: sensitivity to
-    each block of each group of the bank.
+    y: (3 N,) what the model leaves, white, in units of its rms, or of the errors of rounding, where readings that are
+    rounded alike leave less; dof: its degrees of freedom; total, least: its square sum, and that of errors of rounding;
+    shares: sensitivity to each block of each group of the bank.
     """
 
     def __init__(self, run: Run, bank: Bank, space: CoordinateSpace, residual: Floats, dof: int) -> None:
@@ -211,9 +212,10 @@ class Evidence:
             self.blocks[key] = Blocks(seen, group.number[seen], group.most[seen] / self.scale, value, vector, turned)
 
     def _scale_to(self, residual: Floats) -> None:
-        self.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0
+        self.scale = max(float(np.sqrt(np.sum(residual**2) / self.dof)), self.run.rounding) or 1.0
         self.y: Floats = residual.reshape(-1) / self.scale
-        self.total = max(float(self.y @ self.y), 1e-290)
+        self.least = max(self.dof * (self.run.rounding / self.scale)**2, 1e-290)
+        self.total = max(float(self.y @ self.y), self.least)
 
     def on(self, residual: Floats) -> 'Evidence':
         """Return the same for another residual (N, 3) of the same model; what is made of the bank is shared."""

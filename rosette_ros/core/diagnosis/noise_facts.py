@@ -20,14 +20,16 @@ UNEQUAL = 1.3
 class NoiseFacts:
     """In what the noise of a run is other than white and equal.
 
-    resolution: to which readings are rounded, m; worse: axes that repeat worse than others, `than`, and how many times;
+    step, rounded: to which readings are rounded, m, where that is of account, and its share in the variance, which is
+    known and no other noise; worse: axes that repeat worse than others, `than`, and how many times;
     scatter: then the standard deviations along x, y, z, m; tail, tail_dof: what stands out by itself, `reading` or
     `coordinate`, and degrees of freedom of its Student distribution; noisiest, factor: groups of which one scatters so
     many times as much as the others; walk: of the frame over the run, m; wander, readings: of the frame, m, within so
     many readings; correlation: of neighbouring readings.
     """
 
-    resolution: float = 0.0
+    step: float = 0.0
+    rounded: float = 0.0
     worse: tuple[tuple[str, float], ...] = ()
     than: str = ''
     scatter: tuple[float, ...] = ()
@@ -47,8 +49,8 @@ class NoiseFacts:
 
     @property
     def is_other(self) -> bool:
-        """Whether it is other than white and equal in anything."""
-        return self != NoiseFacts()
+        """Whether it is other than white and equal in anything but what the digits of the readings make of it."""
+        return replace(self, step=0.0, rounded=0.0) != NoiseFacts()
 
 
 def noise_facts(fit: 'Fit') -> NoiseFacts:
@@ -57,7 +59,8 @@ def noise_facts(fit: 'Fit') -> NoiseFacts:
     size = (noise.axes**2 + noise.wander * (noise.phi < 1))**0.5
     worse, than = _unequal(size, bool(noise.wander.any()))
     scatter = tuple((sigma * size).tolist()) if worse else ()
-    facts = NoiseFacts(noise.resolution, worse, than, scatter, noise.tail, noise.tail_dof if noise.tail else 0.0)
+    facts = NoiseFacts(fit.step, fit.rounded * bool(fit.step), worse, than, scatter, noise.tail,
+                       noise.tail_dof if noise.tail else 0.0)
     if noise.by:
         typical = sorted(noise.factors)[noise.factors.size // 2]
         facts = replace(facts, noisiest=tuple(noise.noisiest(run)), factor=float(noise.factors.max() / typical))
@@ -70,7 +73,7 @@ def noise_facts(fit: 'Fit') -> NoiseFacts:
             facts = replace(facts, wander=sigma * step**0.5, readings=1 / (1 - noise.phi))
         else:
             facts = replace(facts, correlation=noise.phi * step / (step + white))
-    elif not noise.resolution and fit.neighbours[1] < UNLIKELY:  # errors of rounding repeat where a coordinate does
+    elif not fit.step and fit.neighbours[1] < UNLIKELY:  # errors of rounding repeat where a coordinate does
         facts = replace(facts, correlation=fit.neighbours[0])
     return facts
 

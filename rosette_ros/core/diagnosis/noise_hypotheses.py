@@ -13,7 +13,6 @@ from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.run.errors import NotDeterminable
-from rosette_ros.core.run.records import resolution_of
 from rosette_ros.core.sight.bank import columns_of
 
 NOISELESS = 1e-10
@@ -31,9 +30,8 @@ def noise_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | N
     sizes = np.array([one.size for one, rows in zip(members, columns) for _ in rows])
     unit = scale or fitted.rms
     beside = Beside(run, fitted.mean_radius, fitted.model.base, fitted.residual / unit, fitted.joint.every,
-                    np.concatenate([none, *columns]), sizes)
-    variance = max(resolution_of(run.centre)**2 / 12, NOISELESS**2) / unit**2
-    return NoiseKinds(beside, fitted.model.noise, variance)
+                    np.concatenate([none, *columns]), sizes, fitted.noise, unit)
+    return NoiseKinds(beside, fitted.model.noise, NOISELESS)
 
 
 def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Posterior:
@@ -50,7 +48,7 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Post
             if key not in looked or value + shift > looked[key][0]:  # noise may have other sizes beside other members
                 looked[key], sources[key] = (value + shift, places), (search, noise)
 
-    take(white, (), Noise(), math.log(1 - NOT_WHITE))
+    take(white, (), fitted.noise, math.log(1 - NOT_WHITE))
     # noise may take the place of what moves single readings, or the frame
     rest = [tuple(one for one in best.members if one.family.effect.body != body) for body in ('', 'reading', 'frame')]
     waiting, tried = list(dict.fromkeys([(), *rest])), set[Key]()

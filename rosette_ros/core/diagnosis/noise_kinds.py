@@ -58,19 +58,23 @@ SAMPLES = 32
 class Beside:
     """The readings of a run freed of a model and of the members of a hypothesis under any noise.
 
-    space: of the model without noise; observed: (N, 3), whatever the base model adds, in units of the residual; fixed:
-    (q, N, 3) columns of the effects of the model; members: (k, N, 3), orthonormal; sizes: (k,) of these over sigma.
+    observed: (N, 3), whatever the base model adds, in units of the residual; fixed: (q, N, 3) columns of the effects of
+    the model; members: (k, N, 3), orthonormal; sizes: (k,) of these over sigma; plain: the noise of which others are
+    kinds: white, with what the digits of the readings add; unit: of the residual, m.
     """
 
     def __init__(self, run: Run, lever: float, terms: tuple[str, ...], observed: Floats, fixed: Floats,
-                 members: Floats, sizes: Floats) -> None:
-        self.run, self._lever, self._terms = run, lever, terms
+                 members: Floats, sizes: Floats, plain: Noise | None = None, unit: float = 1.0) -> None:
+        self.run, self._lever, self._terms, self.unit = run, lever, terms, unit
+        self.plain = plain or Noise()
+        self.digits: Floats = np.ones((1, 3)) if self.plain.digits is None else self.plain.digits
         length = np.sqrt(np.maximum(np.sum(fixed**2, axis=(1, 2)), 1e-300))
         self.precision = np.concatenate([np.full(len(fixed), 1e-12), 1 / sizes**2])
         space = BaseSpace(run, lever, terms)
         self.rows = space.free(np.concatenate([observed[None], fixed / length[:, None, None], members]))
-        self.white = Left(self, space)
+        self.white = Left(self, space) if self.plain.digits is None else self.under(self.plain.whitening(run))
         self.dof = 3 * run.size - space.rank - len(fixed)
+        self.least = max(self.dof * (run.rounding / unit)**2, 1e-300)
 
     def under(self, whitening: Whitening) -> 'Left':
         """Return what is left under a noise; raises NotDeterminable where too little counts."""
@@ -78,6 +82,7 @@ class Beside:
 
     def likelihoods(self, weight: Floats) -> Floats:
         """Return the log likelihoods under weights of the coordinates (D, N, 3), (D,); raises as `under`."""
+        weight = weight / self.digits**2
         products, log_det = map(np.array, zip(*self.white.space.weighed(self.rows, weight)))
         return _joined(self, products, log_det - np.sum(np.log(weight), axis=(1, 2)))[0]
 
@@ -122,21 +127,23 @@ class Left:
 
     @cached_property
     def fitted(self) -> tuple[Floats, Floats, float, float]:
-        """Residual (3 N,), its variance by the fit over sigma^2, (3 N,), square sum and log likelihood; raw units."""
+        """Residual (3 N,), its variance by the fit over sigma^2, (3 N,), square sum and log likelihood; in units in
+        which the plain noise is white."""
         likelihood, square, amplitude = self.joined
         rows = self._rows.reshape(len(self._rows), -1)
         share = self.space.leverage.reshape(-1).copy()
         if len(amplitude):
             share += np.sum(scipy.linalg.solve_triangular(self._root, rows[1:], lower=True)**2, axis=0)
-        sd = np.broadcast_to(self.space.whitening.sd, (self.beside.run.size, 3)).reshape(-1)
+        sd = np.broadcast_to(self.space.whitening.sd / self.beside.digits, (self.beside.run.size, 3)).reshape(-1)
         return (rows[0] - amplitude @ rows[1:]) * sd, share * sd**2, square, likelihood
 
 
 def _joined(beside: Beside, products: Floats, log_det: Floats) -> tuple[Floats, Floats, Floats]:
     """Return log likelihoods, square sums (...,) and amplitudes (..., k) of products (..., k + 1, k + 1).
 
-    That of nothing but the model, and the log Bayes factor of the columns beside it."""
-    left, across, gram = np.maximum(products[..., 0, 0], 1e-300), products[..., 1:, 0], products[..., 1:, 1:]
+    That of nothing but the model, and the log Bayes factor of the columns beside it; no noise is less than errors of
+    rounding."""
+    left, across, gram = np.maximum(products[..., 0, 0], beside.least), products[..., 1:, 0], products[..., 1:, 1:]
     root = np.linalg.cholesky(gram + np.diag(beside.precision))
     amplitude = np.linalg.solve(root.swapaxes(-1, -2), np.linalg.solve(root, across[..., None]))[..., 0]
     fall = np.sum(amplitude * across, axis=-1)
@@ -180,11 +187,13 @@ def groups_of(run: Run) -> dict[str, Ints]:
 class NoiseKinds:
     """The kinds of noise of a run beside a hypothesis."""
 
-    def __init__(self, beside: Beside, allowed: Sequence[str] = NOISE_TERMS, rounding: float = 0.0) -> None:
+    def __init__(self, beside: Beside, allowed: Sequence[str] = NOISE_TERMS, least: float = 0.0) -> None:
         """Take the kinds that a model allows; each is one of its terms of noise.
 
-        rounding: least variance of any reading, in squared units of the residual."""
-        self.beside, self.run, self._rounding = beside, beside.run, rounding
+        least: standard deviation that any reading has, m."""
+        self.beside, self.run = beside, beside.run
+        variance = np.maximum(beside.run.steps**2 / 12, least**2) / (beside.unit * beside.digits)**2
+        self._least: Floats = variance.reshape(-1)
         self.groups = {name: group for name, group in groups_of(beside.run).items() if _term_of(name) in allowed}
         self._may_wander = _term_of(WANDER) in allowed
         self._each = math.log(NOT_WHITE / (len(self.groups) + 1))
@@ -198,7 +207,7 @@ class NoiseKinds:
 
     def found(self, least: float = LEAST) -> list[Found]:
         """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
-        white = Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)
+        white = Found((), self.beside.plain, math.log(1 - NOT_WHITE), self._zero)
         least = min(least, LEAST)
         out = [white, *(self._wander(least) if self._may_wander and self._wander_hope > WORTH else ())]
         made = [one for name in self.groups if self._hope(name) > least for one in self._scatter((name,), least)]
@@ -302,7 +311,7 @@ class NoiseKinds:
         digamma, gammaln = scipy.special.digamma, scipy.special.gammaln
         for _ in range(STEPS):
             residual, share, square, _ = left.fitted
-            error = np.maximum(residual**2, self._rounding) * self.beside.dof / square + share
+            error = np.maximum(residual**2, self._least) * self.beside.dof / square + share
             total = np.prod([one[self.groups[name]] for one, name in zip(weights, names)], axis=0)
             bound = 0.0
             for k, (name, nu) in enumerate(zip(names, degrees)):
@@ -314,7 +323,7 @@ class NoiseKinds:
                     -(a - shape) * digamma(a) + gammaln(a) - gammaln(shape) + shape * np.log(rate / b)
                     - a * (rate - b) / b + count / 2 * (digamma(a) - np.log(a))))
                 total = rest * weights[k][group]
-            left = self.beside.under(Whitening(self.run.size, 1 / np.sqrt(total.reshape(-1, 3))))
+            left = self.beside.under(Whitening(self.run.size, self.beside.digits / np.sqrt(total.reshape(-1, 3))))
             # the determinant of the noise counts the mean of the logarithm, not the logarithm of the mean
             likelihood = left.joined[0]
             if likelihood + bound < before + TOLERANCE:
@@ -336,7 +345,7 @@ class NoiseKinds:
         return max(float(log_mean(found)) - state.bound, 0.0)
 
     def _noise(self, names: Sequence[str], degrees: Sequence[float], state: '_Weights') -> Noise:
-        noise = Noise()
+        noise = self.beside.plain
         for name, nu, weights in zip(names, degrees, state.weights):
             if name in ('z', 'axis'):
                 noise = replace(noise, axes=noise.axes / np.sqrt(weights[[0, 0, 1] if name == 'z' else [0, 1, 2]]))
@@ -353,8 +362,8 @@ class NoiseKinds:
         """Yield the wander where it is worth looking at."""
         def tried(phi: float, shares: Sequence[float]) -> list[Left]:
             end = self.run.size if phi == 1 else 1
-            return [self.beside.under(Whitening(self.run.size, np.ones(3), phi, np.full(3, share / end)))
-                    for share in shares]
+            sd = np.ones(3) if self.beside.plain.is_white else self.beside.digits
+            return [self.beside.under(Whitening(self.run.size, sd, phi, np.full(3, share / end))) for share in shares]
 
         def log_bf(made: Sequence[Left]) -> Floats:
             """Return the log likelihoods over white noise, (z, xy, ratio)."""
@@ -379,8 +388,8 @@ class NoiseKinds:
             size = np.array([1.0, 1.0, ratio])
             wander = size**2 * np.array([share_w, share_w, share_z]) / (self.run.size if best == 1 else 1)
             value = float(log_mean(np.array([float(log_mean(one.reshape(-1))) for one in some.values()])))
-            yield Found(kinds, Noise(axes=size, phi=best, wander=wander).scaled(), value + len(kinds) * self._each,
-                        self._zero + float(some[best].max()))
+            noise = replace(self.beside.plain, axes=size, phi=best, wander=wander).scaled()
+            yield Found(kinds, noise, value + len(kinds) * self._each, self._zero + float(some[best].max()))
 
 
 def _term_of(name: str) -> str:

@@ -7,7 +7,7 @@ import scipy  # which loads its parts where they are used
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by
 from rosette_ros.core.diagnosis.noise_kinds import DEGREES, EXACT, NOT_WHITE
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.run.records import Floats, resolution_of
+from rosette_ros.core.run.records import Floats
 from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 DRAWS, PARTS = 100, 5
@@ -15,22 +15,20 @@ DRAWS, PARTS = 100, 5
 TAIL = 10
 """Draws beyond which the probability falls as that of a log Bayes factor does: by e for each unit (Markov)."""
 EM_STEPS = 30
-COARSE = 1.5
-"""Step of the readings, over the residual, above which their noise is mostly that of rounding."""
 
 
 def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
     """Return what the best hypothesis is worth in runs of noise, falling, (DRAWS,); fitted: of the model."""
     noise = np.random.default_rng(0).standard_normal((DRAWS, fitted.run.size, 3))
-    if is_coarse(fitted):
-        noise = _rounded(fitted, noise)
+    if fitted.step:
+        noise = _rounded(evidence, fitted, noise)
     rows = evidence.space.free(noise).reshape(DRAWS, -1)
     return np.sort(np.concatenate([_best_of(evidence, some) for some in np.split(rows, PARTS)]))[::-1]
 
 
 def _best_of(evidence: Evidence, rows: Floats) -> Floats:
     """Return what the best hypothesis is worth in each of some rows of noise, (k,), freed of the model, (k, 3 N)."""
-    left, bank = np.sum(rows**2, axis=1, dtype=float), evidence.bank
+    left, bank = np.maximum(np.sum(rows**2, axis=1, dtype=float), evidence.least), evidence.bank
     log_bf = np.full((bank.ends[-1], len(rows)), -np.inf, np.float32)
     square = (SIZES[::4]**2).astype(np.float32)
     for key, products in bank.products(rows, evidence.space.whitening).items():
@@ -48,6 +46,20 @@ def _best_of(evidence: Evidence, rows: Floats) -> Floats:
     mean = np.add.reduceat(np.exp(log_bf - np.repeat(top, count, axis=0)), start) / count[:, None]
     prior = np.array([family.log_prior for family in bank.families])
     return np.asarray(np.max(top + np.log(mean) + prior[:, None], axis=0))
+
+
+def _rounded(evidence: Evidence, fitted: Fit, noise: Floats) -> Floats:
+    """Return what white noise (m, N, 3) becomes in readings that are rounded, in white coordinates of unit variance.
+
+    Errors of rounding repeat where a coordinate does: they have the patterns of the readings, each time about another
+    model that may have made these."""
+    run, whitening = fitted.run, fitted.joint.whitening
+    steps = np.where(run.steps > 0, run.steps, np.inf)
+    true = run.centre - fitted.residual + evidence.scale * whitening.inverse(noise - evidence.space.free(noise))
+    size = run.repeatability or float(np.sqrt(max(fitted.rms**2 - run.rounding**2, 0.0)))
+    read = true + size * np.random.default_rng(1).standard_normal(noise.shape)
+    off = np.where(np.isinf(steps), read, np.rint(read / steps) * steps) - true
+    return np.asarray(whitening.apply(off) / evidence.scale)
 
 
 def p_of(gain: float, null: Floats) -> float:
@@ -82,20 +94,3 @@ def _p_of_student(own: float, square: Floats, dim: int) -> float:
     weight = np.exp(log_p - log_p.max())
     one = scipy.special.fdtrc(dim, degrees, own / (dim * scale))
     return float(weight / weight.sum() @ -np.expm1((square.size + 1) * np.log1p(-np.minimum(one, 1 - 1e-12))))
-
-
-def is_coarse(fitted: Fit) -> bool:
-    """Return whether the readings are rounded by so much that their noise is mostly that."""
-    return resolution_of(fitted.run.centre) > COARSE * fitted.rms
-
-
-def _rounded(fitted: Fit, noise: Floats) -> Floats:
-    """Return what rounding makes of white noise (m, N, 3) about the readings as they are fitted, in white coordinates.
-
-    Rounding errors repeat where a coordinate does: they have the patterns of the readings and are no white noise.
-    """
-    step = resolution_of(fitted.run.centre)
-    true = fitted.run.centre - fitted.residual
-    size = np.sqrt(max(fitted.rms**2 - step**2 / 12, (0.1 * fitted.rms)**2))
-    rounded: Floats = np.rint((true + size * noise) / step) * step - true
-    return np.asarray(fitted.joint.whitening.apply(rounded)) / fitted.rms

@@ -13,16 +13,16 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.base_terms import missing_base
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
-from rosette_ros.core.diagnosis.hypotheses import Looked, Search
+from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, Place
 from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, choose
-from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
-from rosette_ros.core.diagnosis.posterior import Key, Posterior
+from rosette_ros.core.diagnosis.null_gains import null_gains, p_of
+from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
-from rosette_ros.core.run.records import Floats, Run, resolution_of
+from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.core.sight.bank import Bank, families_of
 from rosette_ros.core.sight.priors import with_priors
 
@@ -44,7 +44,7 @@ class RunEvidence:
         self.given = self.base = fit(run, model, self.settings)
         self.absent = missing_base(run, self.given)
         if self.absent:
-            self.base = self.fitted(Noise(), None)
+            self.base = self.fitted(self.given.noise, None)
         families = [one for one in families_of(run) if one.name != without]
         self.bank = Bank(run, with_priors(families) if not self.is_noiseless else ())
         self.white = evidence_of(self.base, self.bank)
@@ -62,7 +62,7 @@ class RunEvidence:
     def about(self, beyond: Floats) -> 'RunEvidence':
         """Return the same with other second-order terms (N, 3)."""
         other = copy(self)
-        other.base = self.fitted(Noise(), beyond)
+        other.base = self.fitted(self.base.noise, beyond)
         other.white = self.white.on(other.base.white_residual)
         return other
 
@@ -74,14 +74,9 @@ class RunEvidence:
 def explain(evidence: RunEvidence) -> Posterior:
     """Return what explains a run: the one search, in white noise, then what is hopeful there under other noise."""
     if evidence.is_noiseless:
-        return Posterior({((), ()): (0.0, ())}, evidence.white.empty, Noise(), evidence.base.beyond)
-    evidence, white = _to_second_order(evidence)
-
-    if is_coarse(evidence.base):
-        best, rounding = white.best, Noise(resolution=resolution_of(evidence.run.centre))
-        looked: dict[Key, Looked] = {(names, ()): found for names, found in white.looked.items()}
-        return Posterior(looked, best if Posterior(looked).best[0] else evidence.white.empty, rounding,
+        return Posterior({((), ()): (0.0, ())}, evidence.white.empty, evidence.base.noise,
                          evidence.base.beyond)
+    evidence, white = _to_second_order(evidence)
 
     @cache
     def few() -> Bank:
@@ -128,9 +123,7 @@ class RunSearch:
         readings, noise = self.readings, posterior.noise
         self.absent, self.noiseless = readings.absent, readings.is_noiseless
         self.start, self.base = readings.given, readings.base
-        if noise.resolution:
-            self.start, self.base = replace(self.start, noise=noise), replace(self.base, noise=noise)
-        elif not noise.is_white:
+        if noise is not self.base.noise:
             self.base = readings.fitted(noise, self.base.beyond)
             self.start = fit(run, model, readings.settings, noise, beyond=self.start.beyond)
 

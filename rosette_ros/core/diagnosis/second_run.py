@@ -111,7 +111,7 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     refused = [_refusal(effect, fitted, before) for effect, fitted in learnt]
     usable = [pair for pair, words in zip(learnt, refused) if words is None]
     after = _with(before, usable)
-    if after.rms >= NOISELESS and not (noise := noise_beside(after).found()[0].noise).is_white:
+    if after.rms >= NOISELESS and (noise := noise_beside(after).found()[0].noise).kinds:
         before = fit(run, model, choose_settings(run, model, noise), noise)
         after = _with(before, usable)
 
@@ -156,7 +156,9 @@ def _carried(before: Fit, pairs: Sequence[Learnt]) -> Fit | None:
     moved = [_displacement(before.run, *pair) for pair in pairs if pair[0].carries == 'all']
     if not moved:
         return None
-    return fit(before.run.replace(centre=before.run.centre - sum(moved)), before.model, before.settings, before.noise)
+    run = before.run
+    run = run.replace(centre=run.centre - sum(moved), written_steps=run.steps)
+    return fit(run, before.model, before.settings, before.noise)
 
 
 def _displacement(run: Run, effect: Effect, fitted: FittedEffect) -> Floats:

@@ -7,10 +7,10 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
-from rosette_ros.core.diagnosis.limits import LISTED, SURE
+from rosette_ros.core.diagnosis.limits import SURE
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts, noise_facts
 from rosette_ros.core.diagnosis.wrong_readings import WrongReading, outliers, wrong_readings
-from rosette_ros.core.run.records import UNLIKELY, resolution_of
+from rosette_ros.core.run.records import UNLIKELY
 from rosette_ros.core.run.remarks import Remark, RemarkKind
 from rosette_ros.core.uncertainty.stated_environment import Unseen
 
@@ -90,7 +90,8 @@ class Residual:
 
     rms, repeatability: per coordinate, m; p: probability that noise of that repeatability leaves as much, that of the
     quietest part where the noise is not equal; both None where none is stated; quietest: noise of the quietest part,
-    over that of all; p_equal: the same probability where all readings count alike.
+    over that of all; p_equal: the same probability where all readings count alike; rounding: standard deviation of the
+    errors of rounding, m, which noise of that repeatability has beside it, 0 where they are of no account.
     """
 
     rms: float
@@ -98,6 +99,7 @@ class Residual:
     p: float | None
     quietest: float
     p_equal: float | None = None
+    rounding: float = 0.0
 
     @property
     def is_above(self) -> bool:
@@ -119,8 +121,8 @@ class Verdict(Judged):
     with its probability; not_needed: effects of the model that the run does not ask for; hidden: effects that the order
     cannot show, the largest bias on the curves first; outliers: readings among the missing; wrong: readings that are
     far off in the rest, the farthest first; too_large: stated repeatability over what the readings show, 0 where that
-    is no more than chance; present: effects of the model that are surely there, with their rms, m; noise; step: to
-    which readings are rounded, m, where that is a part of the rest and no kind of noise; remarks: on the readings;
+    is no more than chance; present: effects of the model that are surely there, with their rms, m; noise; remarks: on
+    the readings;
     has_motions: whether the model has the error motions of the table; reason: why the model cannot be determined, and
     effects it has beyond its base, `added`; unseen: as of Judged.
     """
@@ -138,7 +140,6 @@ class Verdict(Judged):
     too_large: float = 0.0
     present: tuple[tuple[str, float], ...] = ()
     noise: NoiseFacts = field(default_factory=NoiseFacts)
-    step: float = 0.0
     remarks: tuple[Remark, ...] = ()
     has_motions: bool = True
     reason: str = ''
@@ -163,13 +164,9 @@ class Verdict(Judged):
 
 def facts_of(fit: 'Fit', final: 'Fit') -> Verdict:
     """Return what fits say by themselves: of the model as given, and with all named effects that are claimed."""
-    run, rounding = fit.run, final.noise.resolution
-    step = resolution_of(run.centre)
-    is_told = rounding or any(remark.kind is RemarkKind.ROUNDED for remark in run.remarks)
     return Verdict(
-        Outcome.FITS, _residual(fit), _residual(final), noise=noise_facts(final), remarks=run.remarks,
+        Outcome.FITS, _residual(fit), _residual(final), noise=noise_facts(final), remarks=fit.run.remarks,
         outliers=outliers(final, len(fit.effects)), wrong=wrong_readings(final),
-        step=step if step**2 / 12 > LISTED * final.rms**2 and not is_told else 0.0,
         too_large=_too_large(final), has_motions='table_motions' in fit.model.base,
         present=tuple((one.name, one.rms) for one in fit.effects
                       if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)))
@@ -179,9 +176,7 @@ def decide(facts: Verdict) -> Verdict:
     """Return a verdict with the outcome that follows from its facts."""
     if any(remark.kind is RemarkKind.UNIT_OF_COORDINATES for remark in facts.remarks):  # nothing follows from these
         return Verdict(Outcome.UNIT, facts.before, facts.after, remarks=facts.remarks)
-    remarks = tuple(remark for remark in facts.remarks
-                    if not (facts.noise.resolution and remark.kind is RemarkKind.ROUNDED))  # which is a kind of noise
-    return replace(facts, outcome=_outcome(facts), remarks=remarks)
+    return replace(facts, outcome=_outcome(facts))
 
 
 def _outcome(facts: Verdict) -> Outcome:
@@ -208,7 +203,8 @@ def not_determinable(reason: str, added: Sequence[str] = ()) -> Verdict:
 
 
 def _residual(fit: 'Fit') -> Residual:
-    return Residual(fit.rms, fit.run.repeatability, fit.lack_of_fit_p, fit.noise.quietest, fit.equal_p)
+    return Residual(fit.rms, fit.run.repeatability, fit.lack_of_fit_p, fit.noise.quietest, fit.equal_p,
+                    fit.run.rounding if fit.step else 0.0)
 
 
 def _too_large(final: 'Fit') -> float:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rosette_ros.core.run.records import Run, resolution_of
+from rosette_ros.core.run.records import Run
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.model.least_squares import Fit
@@ -48,9 +48,9 @@ def outliers(final: 'Fit', known: int) -> tuple[WrongReading, ...]:
 def wrong_readings(final: 'Fit') -> tuple[WrongReading, ...]:
     """Return the readings that are farther off than noise can be, the farthest first."""
     run, size = final.run, np.abs(final.residual)
-    # 1.4826 times the median is the standard deviation of normal noise; a third of a step, more than that of rounding
-    scatter = np.maximum(1.4826 * np.median(size, axis=0), resolution_of(run.centre) / 3)
-    if final.noise.resolution or not np.all(scatter > 0):
+    # 1.4826 times the median is the standard deviation of normal noise; readings that are rounded alike show none
+    scatter = np.hypot(1.4826 * np.median(size, axis=0), np.sqrt(run.steps**2 / 12))
+    if not np.all(scatter > 0):
         return ()
     off = size / scatter
     rows = np.flatnonzero(np.any(off > WRONG, axis=1))

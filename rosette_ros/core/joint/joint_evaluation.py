@@ -384,15 +384,20 @@ def _f_test(item: str, shared: Sequence[JointSolution], free: Sequence[JointSolu
 
 def _sigma(solution: JointSolution) -> tuple[float, float, SigmaSource, float | None]:
     """Return the standard deviation of a coordinate, its degrees of freedom, its source, and p of lack of fit."""
-    rms = float(np.sqrt(solution.rss / solution.dof))
+    runs, rms = solution.model.runs, float(np.sqrt(solution.rss / solution.dof))
+    rounding = float(np.sqrt(np.average([run.rounding**2 for run in runs], weights=[run.size for run in runs])))
     # a repeatability without degrees of freedom is known exactly: as if it had very many
-    known = [(run.repeatability, run.repeatability_dof or EXACT) for run in solution.model.runs if run.repeatability]
+    known = [(scatter, (run.repeatability_dof or EXACT) * (scatter / run.repeatability)**4) for run in runs
+             if run.repeatability and (scatter := float(np.hypot(run.repeatability, run.rounding)))]
     if not known:
-        return rms, solution.dof, SigmaSource.RESIDUALS, None
+        return (rms, solution.dof, SigmaSource.RESIDUALS, None) if rms >= rounding else (
+            rounding, EXACT, SigmaSource.ROUNDING, None)
     dof = sum(count for _, count in known)
     sd = float(np.sqrt(sum(count * value**2 for value, count in known) / dof))
     p = float(scipy.special.fdtrc(solution.dof, dof, (rms / sd)**2))
     if p < UNLIKELY:
         return rms, solution.dof, SigmaSource.LARGER, p
     pooled = float(np.sqrt((solution.rss + dof * sd**2) / (solution.dof + dof)))
+    if pooled < rounding:
+        return rounding, EXACT, SigmaSource.ROUNDING, p
     return pooled, solution.dof + dof, SigmaSource.REPEATABILITY if dof >= EXACT else SigmaSource.POOLED, p

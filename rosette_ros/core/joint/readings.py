@@ -91,7 +91,7 @@ class Readings:
     plate; angle: (m,) nominal table angle of each table position, rad; table_position, ball: (N,) one-based; centre:
     (N, 3) in the table frame, m; angle_deviation: (N,) actual minus nominal table angle, rad; approach: (N,) as of Run;
     repeatability, repeatability_dof: as of Run; frame: the table frame in the machine frame where it is known;
-    simulated, rotation: as of Run; run: where the readings are those of one, with times and senses.
+    simulated, rotation, rounding: as of Run; run: where the readings are those of one, with times and senses.
 
     Raises InvalidData where an index does not exist.
     """
@@ -112,6 +112,7 @@ class Readings:
     simulated: bool = False
     rotation: Floats | None = None
     run: Run | None = None
+    rounding: float = 0.0
 
     def __post_init__(self) -> None:
         for name, most in (('table_position', self.angle.size), ('ball', self.plate.balls)):
@@ -126,7 +127,7 @@ class Readings:
         centre, rotation = run.from_angle_zero()
         return Readings(Plate.regular(run.n, run.radius), nominal_angles(run.n) + run.table_offset, run.table_position,
                         run.ball, centre, run.angle_deviation, run.approach, run.repeatability, run.repeatability_dof,
-                        frame, run.run_id, run.source, run.notes, run.simulated, rotation, run)
+                        frame, run.run_id, run.source, run.notes, run.simulated, rotation, run, run.rounding)
 
     @property
     def size(self) -> int:

@@ -21,7 +21,7 @@ from rosette_ros.core.effects.effect import Searched, Setting
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.effects.run_functions import BodyMotion
 from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace
-from rosette_ros.core.model.model import Model, Term
+from rosette_ros.core.model.model import BASE_TERMS, Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
 from rosette_ros.core.model.second_order import (
     CONVERGED,
@@ -48,6 +48,14 @@ FEWEST = 0.1
 """Share of its degrees of freedom that a repeatability keeps, at least, under heavy tails: (dof - 4) / (dof - 1)."""
 
 
+SAME_STEPS = 1e-9
+"""Share of the largest variance by rounding by which steps differ that are the same in a frame that was turned."""
+FINEST = 3e-4
+"""Size of noise over the largest errors of rounding below which the normal equations lose what is rounded coarsely."""
+OF_ACCOUNT = 0.03
+"""Share of the variance of the noise from which on errors of rounding shape it, and are told."""
+
+
 class SigmaSource(StrEnum):
     """Whence the standard deviation of a coordinate is that the uncertainties are worked out from."""
 
@@ -55,6 +63,7 @@ class SigmaSource(StrEnum):
     LARGER = 'residuals (larger than the repeatability)'
     UNEQUAL = 'residuals (the noise is not equal)'
     REPEATABILITY = 'repeatability'
+    ROUNDING = 'rounding of the coordinates'
     POOLED = 'residuals and repeatability'
 
 
@@ -89,11 +98,11 @@ class Fit:
 
     residual: (N, 3), m, observed minus model; plate, cmm: (n, 3), m; rms: root of the residuals' square sum per degree
     of freedom, m; sigma: standard deviation of a coordinate in use for the uncertainties, m, and sigma_source, where it
-    comes from; reduced_chi_square: (rms/repeatability) squared, None where the repeatability is unknown; lack_of_fit_p:
-    probability that noise of the known repeatability leaves as much, None likewise; rms, sigma: of the size that noise
-    takes as 1; beyond: (N, 3) or (1, 3), m, second-order terms of which the readings were freed; explanations: fits
-    with probabilities of which the curves are the mean, none where they are those of this fit; gauge: what no
-    three-rosette run can know, in words.
+    comes from; reduced_chi_square: (rms/repeatability) squared, the repeatability with the errors of rounding, None
+    where it is unknown; lack_of_fit_p: probability that noise of the known repeatability leaves as much, None likewise;
+    rms, sigma: of the size that noise takes as 1; beyond: (N, 3) or (1, 3), m, second-order terms of which the readings
+    were freed; explanations: fits with probabilities of which the curves are the mean, none where they are those of
+    this fit; gauge: what no three-rosette run can know, in words.
     """
 
     run: Run
@@ -137,18 +146,29 @@ class Fit:
     def equal_p(self) -> float | None:
         """The probability that noise of the known repeatability leaves as much where all readings count alike; None
         where it is not known."""
-        if self.lack_of_fit_p is None or self.noise.is_white:
+        if self.lack_of_fit_p is None or not self.noise.kinds:
             return self.lack_of_fit_p
         return fit(self.run, self.model, self.settings, beyond=self.beyond).lack_of_fit_p
 
     @property
     def p_of_small(self) -> float:
         """Probability that noise of the known repeatability leaves as little; 1 where it is not known."""
-        chi, known_dof = self.reduced_chi_square, self.run.repeatability_dof
-        if chi is None:
+        chi, scatter = self.reduced_chi_square, self.run.scatter
+        if chi is None or scatter is None:
             return 1.0
+        known_dof = scatter[1]
         return float(scipy.special.chdtr(self.dof, chi * self.dof) if known_dof is None
                      else scipy.special.fdtr(self.dof, known_dof, chi))
+
+    @property
+    def rounded(self) -> float:
+        """Share of errors of rounding in the variance of the noise, at most 1."""
+        return min((self.run.rounding / self.rms)**2, 1.0) if self.rms else 0.0
+
+    @property
+    def step(self) -> float:
+        """Largest step to which readings are rounded, m, 0 where that is of no account."""
+        return float(self.run.steps.max()) if self.rounded > OF_ACCOUNT else 0.0
 
     @property
     def weighted_sigma(self) -> float:
@@ -343,18 +363,51 @@ def _seen(columns: Floats, space: BaseSpace) -> Floats:
     return np.asarray(length * np.tensordot(seen @ seen.T, unit, axes=1))
 
 
+def white_noise(run: Run, terms: tuple[str, ...] = BASE_TERMS) -> Noise:
+    """Return the noise of readings that repeat alike, with what their digits add; terms: of the base model.
+
+    A variance s^2 + (a step)^2 / 12 of each coordinate, s the repeatability, or where it is not known the likeliest of
+    sizes a factor 2 apart, at least FINEST of the largest error. White where all steps are the same or errors of
+    rounding are of no account.
+    """
+    added = run.steps**2 / 12
+    if np.ptp(added) <= SAME_STEPS * added.max():
+        return Noise()
+    lever, y = mean_radius(run), observed(run)[None]
+
+    def of_size(size: float) -> Noise:
+        variance = size**2 + added
+        return Noise(digits=np.sqrt(variance / variance.mean()))
+
+    def left(noise: Noise) -> tuple[float, float]:
+        """Return the standard deviation, m, and -2 ln of the restricted likelihood."""
+        space = BaseSpace(run, lever, terms, noise.whitening(run))
+        rest, dof = float(np.sum(space.residual(y)**2)), 3 * run.size - space.rank
+        log_det = sum(space.log_dets) + space.whitening.log_det_of((0, 1, 2))
+        return float(np.sqrt(rest / max(dof, 1))), dof * float(np.log(max(rest, 1e-300))) + log_det
+
+    largest = run.repeatability or left(Noise())[0]
+    if run.rounding**2 <= OF_ACCOUNT * largest**2:
+        return Noise()
+    least = FINEST * float(np.sqrt(added.max()))
+    if run.repeatability:
+        return of_size(max(run.repeatability, least))
+    sizes = 2.0**-np.arange(max(np.log2(largest / least), 0) + 1) * largest
+    return min(map(of_size, sizes.tolist()), key=lambda noise: left(noise)[1])
+
+
 def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, float | str]] = (),
         noise: Noise | None = None, space: BaseSpace | None = None, beyond: Floats | None = None) -> Fit:
     """Return the joint least-squares Fit of a model on a run.
 
-    settings: a Setting for each effect of the model, in its order; noise: of the readings, None if white; space: of
-    the base terms of the model where it is at hand from another fit of the same run and noise; beyond: as of Fit, None
-    where it is to be found. Raises NotDeterminable where readings are too few, an effect cannot be seen in this order,
-    or the second-order terms do not converge.
+    settings: a Setting for each effect of the model, in its order; noise: of the readings, None for `white_noise`;
+    space: of the base terms of the model where it is at hand from another fit of the same run and noise; beyond: as of
+    Fit, None where it is to be found. Raises NotDeterminable where readings are too few, an effect cannot be seen in
+    this order, or the second-order terms do not converge.
     """
     model = model or Model()
     lever = mean_radius(run)
-    noise = noise or Noise()
+    noise = noise or white_noise(run, model.base)
     space = space or BaseSpace(run, lever, model.base, noise.whitening(run))
     parts = _parts(run, model, settings, space)
     columns = np.concatenate([np.zeros((0, run.size, 3)), *(part.columns for part in parts)])
@@ -442,9 +495,9 @@ def _tangents(run: Run, parts: Sequence[_Part], amplitude: Floats) -> Floats:
 
 def _noise(run: Run, rss: float, dof: int, noise: Noise) -> tuple[float, SigmaSource, float | None, float | None]:
     rms = float(np.sqrt(rss / dof))
-    known, known_dof = run.repeatability, run.repeatability_dof
-    if known is None:
-        return rms, SigmaSource.RESIDUALS, None, None
+    if run.scatter is None:
+        return *_at_least(run.rounding, rms, SigmaSource.RESIDUALS), None, None
+    known, known_dof = run.scatter
     chi = (rms / known)**2
     # the check was made at one place, which may be the quietest one; heavy tails make its variance uncertain
     least, of_tail = chi * noise.quietest**2, max(1 - 3 / max(noise.tail_dof - 1, 1.0), FEWEST)
@@ -453,11 +506,16 @@ def _noise(run: Run, rss: float, dof: int, noise: Noise) -> tuple[float, SigmaSo
     if p < UNLIKELY:
         return rms, SigmaSource.LARGER, chi, p
     if noise.by or noise.tail:
-        return rms, SigmaSource.UNEQUAL, chi, p
+        return *_at_least(run.rounding, rms, SigmaSource.UNEQUAL), chi, p
     if known_dof is None:
         return known, SigmaSource.REPEATABILITY, chi, p
     pooled = np.sqrt((rss + known_dof * known**2) / (dof + known_dof))
-    return float(pooled), SigmaSource.POOLED, chi, p
+    return *_at_least(run.rounding, float(pooled), SigmaSource.POOLED), chi, p
+
+
+def _at_least(rounding: float, sigma: float, source: SigmaSource) -> tuple[float, SigmaSource]:
+    """Return a standard deviation and its source, that of errors of rounding, which readings alike do not show."""
+    return (sigma, source) if sigma >= rounding else (rounding, SigmaSource.ROUNDING)
 
 
 def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpace,

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The noise of the readings: unequal axes, places and tails, and a frame that wanders; how it is made white.
+"""The noise of the readings: unequal axes, places, tails and digits, a frame that wanders; how it is made white.
 
-A reading r along axis a has the noise s e + u: s = axis factor x factor of its place / root of its Student weight, e
-white; u wanders with the readings, u_r = phi u_(r-1) + white. The variance of u is `wander` (phi = 1: per reading).
-In relative units: a check of CHECK readings in a row would find the variance 1 on average. White noise of equal size is
-all ones.
+A reading r along axis a has the noise s e + u: s = axis factor x factor of its place / root of its Student weight x
+what its digits make of it, e white; u wanders with the readings, u_r = phi u_(r-1) + white. The variance of u is
+`wander` (phi = 1: per reading). In relative units: a check of CHECK readings in a row would find the variance 1 on
+average. White noise of equal size is all ones.
 
 With D the operator x_r - phi x_(r-1), D (s e + u) has a covariance of three diagonals, G G': W = G^-1 D makes the noise
 white, in O(N) operations whatever s is.
@@ -48,7 +48,8 @@ class Noise:
     axes: (3,) standard deviation of the unwandering part along x, y, z; by: what the size differs by (as `places`), ''
     nothing; factors: (groups,) size of each; tail: '' normal, `coordinate` or `reading` for Student's distribution of
     tail_dof degrees of freedom of each; weight: (N, 3) Student weights in this run; phi, wander: (3,) as above;
-    resolution: of the readings, m, 0 where it is not seen.
+    digits: (N, 3) standard deviation, rounding included, where the coordinates of the run are rounded to steps that
+    differ; None where rounding has no step, or the same for all, which makes white noise larger, and no more.
     """
 
     axes: Floats = field(default_factory=lambda: np.ones(3))
@@ -59,12 +60,17 @@ class Noise:
     weight: Floats | None = None
     phi: float = 0.0
     wander: Floats = field(default_factory=lambda: np.zeros(3))
-    resolution: float = 0.0
+    digits: Floats | None = None
 
     @property
     def is_white(self) -> bool:
         """Whether the noise is white and equal in all."""
-        return self.weight is None and not self.by and not self.wander.any() and bool(np.all(self.axes == 1))
+        return self.is_alike and not self.wander.any() and bool(np.all(self.axes == 1))
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether it is the same for all readings."""
+        return self.weight is None and self.digits is None and not self.by
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -100,9 +106,9 @@ class Noise:
 
     def whitening(self, run: Run) -> 'Whitening':
         """Return what makes the noise of a run white."""
-        if self.weight is None and not self.by:
+        if self.is_alike:
             return Whitening(run.size, self.axes, self.phi, self.wander)
-        sd = np.tile(self.axes, (run.size, 1))
+        sd = np.tile(self.axes, (run.size, 1)) if self.digits is None else self.axes * self.digits
         if self.by:
             sd = sd * self.factors[place_of(run, self.by)][:, None]
         if self.weight is not None:
@@ -111,12 +117,13 @@ class Noise:
 
     def of_readings(self, run: Run, index: Ints) -> 'Noise':
         """Return the noise of some readings of a run, each with the size that it has among all of them."""
-        if self.weight is None and not self.by:
+        if self.is_alike:
             return self
         weight = np.ones((run.size, 3)) if self.weight is None else self.weight
         if self.by:
             weight = weight / self.factors[place_of(run, self.by)][:, None]**2
-        return replace(self, by='', factors=np.ones(1), weight=weight[index])
+        return replace(self, by='', factors=np.ones(1), weight=weight[index],
+                       digits=None if self.digits is None else self.digits[index])
 
     def noisiest(self, run: Run) -> list[Group]:
         """Return the group whose factor is the largest, and what else its readings share in this order."""

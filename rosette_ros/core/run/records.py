@@ -76,7 +76,8 @@ class Run:
     whether no real CMM measured it; rotation: (3, 3) of the table frame in the machine frame, its columns are the axes
     of the table, None where it is not known; table_offset: table angle of table position 1, rad. From there table_angle
     counts, and there ball 1 is on the x axis of centre and rotation: a run between the steps of the table looks like
-    any other one. begun: when measuring began, s since the epoch, None where it is not said.
+    any other one. begun: when measuring began, s since the epoch, None where it is not said. written_steps: (N, 3)
+    steps to which centre is rounded, m, where its digits no longer show them, else None.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the
@@ -111,6 +112,7 @@ class Run:
     repeatability_axes: tuple[float, float, float] | None = None
     table_offset: float = 0.0
     begun: float | None = None
+    written_steps: Floats | None = None
 
     def __post_init__(self) -> None:
         _freeze(self, _INTEGERS[:2], np.int64)
@@ -128,7 +130,28 @@ class Run:
             object.__setattr__(self, 'unrecorded', lost)
         _freeze(self, _INTEGERS[2:], np.int64)
         _freeze(self, _REALS, float)
+        if self.written_steps is not None:
+            _freeze(self, ('written_steps',), float)
         _check_run(self)
+
+    @cached_property
+    def steps(self) -> Floats:
+        """(N, 3) steps to which the coordinates are rounded, m, 0 where they are not."""
+        return steps_of(self.centre) if self.written_steps is None else self.written_steps
+
+    @cached_property
+    def rounding(self) -> float:
+        """Standard deviation of the errors of rounding, over all coordinates, m: a step / root 12, GUM 4.3.7."""
+        return float(np.sqrt(np.mean(self.steps**2) / 12))
+
+    @cached_property
+    def scatter(self) -> tuple[float, float | None] | None:
+        """The repeatability with the errors of rounding, m, and its degrees of freedom (Welch and Satterthwaite), None
+        where it is exactly known; None where no repeatability is."""
+        if self.repeatability is None:
+            return None
+        sd, dof = float(np.hypot(self.repeatability, self.rounding)), self.repeatability_dof
+        return sd, None if dof is None else dof * (sd / self.repeatability)**4
 
     @cached_property
     def _digest(self) -> bytes:
@@ -232,14 +255,19 @@ class Run:
         return turned_frame(-self.table_offset, self.centre, self.rotation)
 
     def replace(self, **changes: Any) -> 'Run':
-        """Return a copy with other values of some fields; the CMM's senses of other readings are derived anew."""
+        """Return a copy with other values of some fields.
+
+        The CMM's senses of other readings are derived anew, the steps of other coordinates found anew."""
         derived_of = {'table_position', 'ball', 'rotation'} & changes.keys()
-        anew = {'cmm_sense': None, 'unrecorded': None} if derived_of else {}
+        anew: dict[str, Any] = {'cmm_sense': None, 'unrecorded': None} if derived_of else {}
+        anew |= {'written_steps': None} if 'centre' in changes else {}
         return replace(self, **{**anew, **changes})
 
     def take(self, index: Bools | Ints | list[int]) -> 'Run':
         """Return the run with only the readings of a mask or of positions, in the same order."""
-        return replace(self, **{name: getattr(self, name)[index] for name in _INTEGERS + _REALS})
+        steps = self.written_steps
+        return replace(self, written_steps=None if steps is None else steps[index],
+                       **{name: getattr(self, name)[index] for name in _INTEGERS + _REALS})
 
 
 def _check_rotation(record: Any) -> None:
@@ -267,6 +295,9 @@ def _check_run(run: Run) -> None:
         got = getattr(run, name).shape
         if got != shape:
             raise InvalidData(f'{where}: {name}: expected shape {shape}, found {got}')
+    if run.written_steps is not None and (run.written_steps.shape != (size, 3) or not np.all(run.written_steps >= 0)):
+        raise InvalidData(f'{where}: written_steps: expected steps of {size} readings along 3 axes, found '
+                          f'{run.written_steps.tolist()!r:.120}')
     for name in ('table_position', 'ball'):
         values = getattr(run, name)
         bad = np.flatnonzero((values < 1) | (values > run.n))
@@ -388,22 +419,28 @@ def steps_of(coordinates: ArrayLike) -> Floats:
     every = np.asarray(coordinates, dtype=float)
     sizes = np.abs(every[every != 0])
     steps = np.zeros(every.shape)
-    if np.unique(sizes).size < FEWEST_DIGITS:
-        return steps
-    if step := _common_step(sizes):
-        steps[...] = step
-        return steps
     units = 10.0**np.floor(np.log10(sizes) + 1e-12)
-    for digits in range(1, MOST_DIGITS + 1):
-        last = units * 10.0**(1 - digits)
-        if np.all(np.abs(sizes / last - np.rint(sizes / last)) < 1e-6):
-            steps[every != 0] = last
-            break
-    return steps
+    last = (units * 10.0**(1 - digits) for digits in range(1, MOST_DIGITS + 1))
+    if step := next((step for step in STEPS if _are_whole(sizes, step, 1e-4)), 0.0):
+        steps[...] = step
+    elif (found := next((one for one in last if _are_whole(sizes, one, 1e-6)), None)) is not None:
+        steps[every != 0] = found
+    return steps if steps.any() and np.unique(sizes).size >= FEWEST_DIGITS else np.zeros(every.shape)
 
 
-def _common_step(values: Floats) -> float:
-    return next((step for step in STEPS if np.all(np.abs(values / step - np.rint(values / step)) < 1e-4)), 0.0)
+def turned_steps(steps: Floats, rotation: Floats) -> Floats:
+    """Return steps (N, 3) along the axes of a frame, the columns of its rotation, whose errors have the same variance.
+    """
+    return np.asarray(np.sqrt(steps**2 @ rotation**2))
+
+
+def _are_whole(values: Floats, step: float | Floats, tolerance: float) -> bool:
+    """Return whether values are whole numbers of a step, the first few of them first: most are not."""
+    for some in (slice(FEWEST_DIGITS), slice(None)):
+        count = values[some] / (step[some] if isinstance(step, np.ndarray) else step)
+        if not np.all(np.abs(count - np.rint(count)) < tolerance):
+            return False
+    return True
 
 
 def remove_gauge(values: ArrayLike, angle: Floats | None = None) -> Floats:
@@ -423,4 +460,5 @@ def remove_gauge(values: ArrayLike, angle: Floats | None = None) -> Floats:
     return out
 
 
-__all__ = ['CURVES', 'Bools', 'ErrorMotions', 'Floats', 'Ints', 'Run', 'remove_gauge', 'resolution_of', 'steps_of']
+__all__ = ['CURVES', 'Bools', 'ErrorMotions', 'Floats', 'Ints', 'Run', 'remove_gauge', 'resolution_of', 'steps_of',
+           'turned_steps']

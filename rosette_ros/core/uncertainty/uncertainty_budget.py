@@ -240,9 +240,10 @@ def _noise_of(fit: Fit, displaced: Sequence['_Displaced']) -> tuple[float, float
 
     (restricted maximum likelihood, Patterson and Thompson 1971): an influence takes off what the readings show of it.
     """
-    if fit.sigma_source is SigmaSource.REPEATABILITY:
+    if fit.sigma_source in (SigmaSource.REPEATABILITY, SigmaSource.ROUNDING):
         return fit.sigma, np.inf
-    dof = fit.dof + ((fit.run.repeatability_dof or 0.0) if fit.sigma_source is SigmaSource.POOLED else 0.0)
+    stated = fit.run.scatter if fit.sigma_source is SigmaSource.POOLED else None
+    dof = fit.dof + ((stated[1] if stated else None) or 0.0)
     if not fit.sigma:
         return 0.0, dof
     rows = np.concatenate([np.zeros((1, 3 * fit.run.size)), *(one.rows for one in displaced)]) / fit.sigma
@@ -261,7 +262,8 @@ def _noise_of(fit: Fit, displaced: Sequence['_Displaced']) -> tuple[float, float
         return float(np.sum(1 / of_known - shown / of_known**2) + rest_dof / variance - rest / variance**2)
 
     variance = scipy.optimize.brentq(slope, rest / dof, (rest + shown.sum()) / rest_dof) if shown.size else rest / dof
-    return fit.sigma * float(np.sqrt(variance)), rest_dof + float(np.sum((variance / (variance + extra))**2))
+    sigma = max(fit.sigma * float(np.sqrt(variance)), fit.run.rounding)
+    return sigma, rest_dof + float(np.sum((variance / (variance + extra))**2))
 
 
 def _noise_variances(fit: Fit) -> tuple[Floats, Floats]:
