@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rosette_ros.invocation import __version__ as __version__
 
 if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
+    from rosette_ros.api.cells import CellDiagnosed as CellDiagnosed
     from rosette_ros.api.documents import certify as certify
     from rosette_ros.api.documents import report as report
     from rosette_ros.api.effect_library import EffectList as EffectList
@@ -65,6 +66,7 @@ if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 _PLACES = {
+    'api.cells': 'CellDiagnosed',
     'api.documents': 'certify report',
     'api.effect_library': 'EffectList add_effect add_reader effects model',
     'api.evaluating':

@@ -11,6 +11,7 @@ import numpy as np
 
 from rosette_ros import analysis
 from rosette_ros.analysis import LadderStep, claimed_model, stated_budget
+from rosette_ros.api.cells import diagnosed_cell
 from rosette_ros.api.measurement import Doing, JudgedRun, Measurement, model_of, read, several, stated_inputs
 from rosette_ros.api.result import DrawnResult, Result, frame_of, html_of, in_notebook, plots
 from rosette_ros.core.diagnosis.comparison import Comparison
@@ -283,10 +284,15 @@ class Diagnosed(DrawnResult):
         return plots('comparison_plots').candidates(self.diagnosis.candidates, fit.run.repeatability)
 
 
-def diagnose(run: Any, model: ModelLike = None, check: Any = None) -> Diagnosed:
-    """Return which effects are missing from a model on a run; check: another run of the same cell that confirms them.
+def diagnose(run: Runs, model: ModelLike = None, check: Any = None) -> Any:
+    """Return the Diagnosed of a run, which effects are missing from a model, or the CellDiagnosed of several runs of a
+    cell, what comes again in it.
 
-    Raises InvalidData, NotDeterminable."""
+    check: another run of the same cell that confirms what is missing in one. Raises InvalidData, NotDeterminable."""
+    if isinstance(run, list | tuple):
+        if check is not None:
+            raise InvalidData('diagnose: expected no check with several runs, which confirm each other')
+        return diagnosed_cell(several(run), model_of(model))
     diagnosis = analysis.diagnose(read(run).run, model_of(model))
     return Diagnosed(diagnosis, None if check is None else analysis.cross_check(read(check).run, diagnosis))
 

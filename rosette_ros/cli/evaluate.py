@@ -18,9 +18,10 @@ from rosette_ros.analysis import (
     diagnose,
 )
 from rosette_ros.api import evaluating
+from rosette_ros.api.cells import diagnosed_cell
 from rosette_ros.api.evaluating import Evaluation, JointEvaluation, evaluated
-from rosette_ros.api.measurement import read
-from rosette_ros.cli.arguments import add_formats, add_shared, picture_file, plots, positive
+from rosette_ros.api.measurement import model_of, read
+from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, picture_file, plots, positive
 from rosette_ros.cli.console import (
     COLOURS,
     console,
@@ -139,7 +140,9 @@ def show_joint(options: Namespace, made: JointEvaluation) -> None:
 
 def diagnose_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--columns', '--model', '--angle-unit')
+    add_shared(parser, 'run_path', nargs='+', help='log directory, .mcap file or ball-centre table (CSV); several runs '
+               'of one cell are diagnosed together')
+    add_shared(parser, '--columns', '--model', '--angle-unit')
     parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
                         'identified in RUN confirmed there?')
     add_shared(parser, '--json')
@@ -147,7 +150,11 @@ def diagnose_arguments(parser: ArgumentParser) -> None:
 
 def run_diagnose(options: Namespace) -> None:
     """Print the diagnosis."""
-    opened, other = Opened(options), read(options.check) if options.check else None
+    if len(options.run_path) > 1:
+        show_cell(options)
+        return
+    path, = options.run_path
+    opened, other = Opened(options, path), read(options.check) if options.check else None
     with doing('diagnosing'):
         found = evaluating.diagnose(opened.measured, opened.model, other)
     if options.json:
@@ -155,13 +162,31 @@ def run_diagnose(options: Namespace) -> None:
         return
     out, check = console(), found.check
     out.print(head(opened.run))
-    print_card(out, found.verdict, options.run_path, options.model)
+    print_card(out, found.verdict, path, options.model)
     show_diagnosis(out, found.diagnosis, found.invisible)
     if check is not None:
         colour = {True: 'green', False: 'red', None: 'yellow'}[check.confirmed]
         out.print(f'\n[bold]Checked on {escape(check.before.run.run_id or check.before.run.source)}[/], which had no '
                   f'part in the search\n[{colour}]{escape(check_words(check))}[/]')
         print_parts(out, [tables.cross_check(check)])
+
+
+def show_cell(options: Namespace) -> None:
+    """Print what several runs say of their cell."""
+    if options.check:
+        raise UsageError('diagnose: expected one RUN with --check, found several, which confirm each other; leave one '
+                         'of both out')
+    every = [read(path, options.columns) for path in options.run_path]
+    with doing('diagnosing', len(every)) as step:
+        found = diagnosed_cell(every, model_of(options.model), step)
+    if options.json:
+        print_json(found.to_mapping())
+        return
+    out = console()
+    colour = COLOURS[found.level]
+    for place, sentence in enumerate(found.sentences()):
+        say(out, sentence, None if place else colour)
+    print_parts(out, found.tables())
 
 
 def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) -> None:

@@ -150,7 +150,7 @@ def _driven_words(cause: Cause | None, own: Sequence[str]) -> str:
 
     'with time (correlated with it here: the number of readings)', 'with time, or with the table angle'."""
     variables, others = (cause.variables, cause.or_with) if cause else ((), ())
-    sets = [*map(_with_words, others[:MOST_SETS - 1])]
+    sets = [*map(with_words, others[:MOST_SETS - 1])]
     more = len(others) - len(sets)
     said = [_in_words(first) + (f' (correlated with it here: {names(map(_in_words, alike))})' if alike else '')
             for first, *alike in variables if first not in own]
@@ -289,7 +289,7 @@ def _verb(one: MissingEffect) -> str:
 
 def _with_cause(cause: Cause) -> str:
     """Return with what something moves, and with what else that may be: 'with time, or with the table angle'."""
-    return ', or '.join(map(_with_words, ([first for first, *_ in cause.variables], *cause.or_with)))
+    return ', or '.join(map(with_words, ([first for first, *_ in cause.variables], *cause.or_with)))
 
 
 def _of_one_cause(every: Sequence[MissingEffect]) -> list[list[MissingEffect]]:
@@ -345,7 +345,7 @@ def _others_words(cause: Cause, *said: str) -> str:
     return f' (or {" or ".join([*every[:MOST_OTHERS], *more])}: the same here)' if every else ''
 
 
-def _with_words(variables: Iterable[str]) -> str:
+def with_words(variables: Iterable[str]) -> str:
     """Return with what something moves: 'with time'; what is the same at every reading moves with nothing."""
     found = [*map(_in_words, variables)]
     return f'with {names(found)}' if found else 'by a constant amount'

@@ -21,7 +21,7 @@ import numpy as np
 
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
-from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.records import Bools, Floats, Ints, Run
 from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
@@ -186,6 +186,10 @@ class Suggestion:
     def log_bf(self) -> float:
         """The log Bayes factor of the best setting, all sizes included."""
         return self.gain - self.family.log_prior - self.volume
+
+
+Part = tuple[Ints, Blocks, Reals | None]
+"""Numbers of settings in the bank, their Blocks, and the products of these with the members."""
 
 
 class Evidence:
@@ -363,15 +367,22 @@ class State:
 
     def offer(self, family: CauseFamily) -> Suggestion | None:
         """Return the Suggestion of one named family beside the members; None where it cannot be seen."""
+        return next(iter(self._suggested([family], self._parts_of(family))), None)
+
+    def worth_of(self, family: CauseFamily) -> Floats:
+        """Return the log Bayes factor of each setting of a named family beside the members, (settings,), all sizes
+        included; 0 where it is hidden."""
+        log_bf, _ = self._log_bf(self._parts_of(family))
+        return log_bf[slice(*self.evidence.bank.range_of[family.name])]
+
+    def _parts_of(self, family: CauseFamily) -> list[Part]:
         evidence, bank = self.evidence, self.evidence.bank
         rows = self.rows if len(self.rows) else np.zeros((1, evidence.y.size))
-        return next(iter(self._suggested([family], [
-            (bank.groups[key].number[place], evidence.blocks[key].within(place), across if len(self.rows) else None)
-            for key, place, across in bank.products_of(family, rows, evidence.space.whitening)])), None)
+        return [(bank.groups[key].number[place], evidence.blocks[key].within(place), across if len(self.rows) else None)
+                for key, place, across in bank.products_of(family, rows, evidence.space.whitening)]
 
-    def _suggested(self, families: Sequence[CauseFamily],
-                   parts: Sequence[tuple[Ints, Blocks, Reals | None]]) -> list[Suggestion]:
-        """Return the Suggestions of families, best first; parts: numbers, Blocks, their products with the members."""
+    def _log_bf(self, parts: Sequence[Part]) -> tuple[Floats, Bools]:
+        """Return the log Bayes factors of all settings of the bank, and which are seen; -inf for those of no part."""
         bank = self.evidence.bank
         log_bf, seen = np.full(bank.ends[-1], -np.inf), np.zeros(bank.ends[-1], dtype=bool)
         for number, blocks, across in parts:
@@ -380,6 +391,11 @@ class State:
             if judged.any():  # what describes all that is left explains nothing
                 log_bf[blocks.number[judged]] = blocks.log_bf(across, self)[judged]
                 seen[blocks.number[judged]] = True
+        return log_bf, seen
+
+    def _suggested(self, families: Sequence[CauseFamily], parts: Sequence[Part]) -> list[Suggestion]:
+        """Return the Suggestions of families, best first."""
+        bank, (log_bf, seen) = self.evidence.bank, self._log_bf(parts)
         out = []
         for family in families:
             own = slice(*bank.range_of[family.name])

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one run says of causes, compact: the hypotheses that its search visited, sizes and constants of the likely ones.
+
+An archive keeps this of each run, so that a cell is learnt from many runs without searching any of them again.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.limits import LISTED
+from rosette_ros.core.diagnosis.log_evidence import State
+from rosette_ros.core.diagnosis.posterior import Key, Posterior
+from rosette_ros.core.diagnosis.run_search import RunSearch
+from rosette_ros.core.effects.composed import LAWS
+from rosette_ros.core.effects.effect import Searched
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE
+from rosette_ros.core.run.records import Floats
+from rosette_ros.core.sight.bank import CauseFamily
+
+KEPT = 12.0
+"""Log evidence, with even odds for each cause of the library, by which a hypothesis that is kept may be worse than the
+best one: as much as a cell can make up for."""
+SHAPED = 12
+"""Causes of a run of which sizes and constants are kept: those that its readings speak for most."""
+AGAIN = 5
+"""Likeliest hypotheses of a run beside which every cause is looked for: one of them may be that of the cell."""
+Value = float | str
+"""Of a constant of a law."""
+
+
+@dataclass(frozen=True, eq=False)
+class CauseShape:
+    """How a cause goes in a run, where the run has it.
+
+    unit: of a size of 1, m rms over all coordinates; sizes: log likelihood of each of SIZES, their mean likelihood 1;
+    constants: values of each constant of its law that were tried, and log likelihoods, likewise.
+    """
+
+    unit: float
+    sizes: Floats
+    constants: Mapping[str, tuple[tuple[float, ...], Floats]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class RunCauses:
+    """What a run says of causes.
+
+    hypotheses: names of members, each once, of every hypothesis that is kept; log_evidence: (h,), their priors
+    included; log_prior: of each name; silent: names of which the run says nothing; shapes: by name.
+    """
+
+    hypotheses: tuple[tuple[str, ...], ...]
+    log_evidence: Floats
+    log_prior: Mapping[str, float]
+    silent: frozenset[str] = frozenset()
+    shapes: Mapping[str, CauseShape] = field(default_factory=dict)
+
+    @cached_property
+    def p(self) -> Floats:
+        """The probabilities of the hypotheses by this run alone, (h,)."""
+        weight = np.exp(self.log_evidence - self.log_evidence.max())
+        return np.asarray(weight / weight.sum())
+
+    @cached_property
+    def alone(self) -> dict[str, float]:
+        """The probability of each name by this run alone."""
+        out = dict.fromkeys(self.log_prior, 0.0)
+        for names, p in zip(self.hypotheses, self.p.tolist()):
+            for name in names:
+                out[name] += p
+        return out
+
+    def of(self, names: Iterable[str]) -> float:
+        """Return the probability that one of some names is there, by this run alone."""
+        wanted = set(names)
+        return float(sum(p for some, p in zip(self.hypotheses, self.p.tolist()) if not wanted.isdisjoint(some)))
+
+    def odds(self, name: str) -> float:
+        """Return the factor by which the run changes the odds of a cause; 1 where it says nothing."""
+        if name in self.silent:
+            return 1.0
+        p = min(self.alone.get(name, 0.0), 1 - 1e-12)
+        return p / (1 - p) / math.exp(self.log_prior[name]) if p else 0.0
+
+
+def is_constant(one: Searched) -> bool:
+    """Return whether a searched parameter is a constant of the machine: a number, but no moment and no phase."""
+    return bool(one.unit) and (one.kind == 'scale' or one.unit not in ('s', 'rad'))
+
+
+def causes_in(search: RunSearch) -> RunCauses:
+    """Return what a run says of causes."""
+    posterior, bank = search.posterior, search.readings.bank
+    families = {one.name: one for one in bank.families}
+    found = {key: posterior.log_evidence(key) for key in posterior.keys}
+    if not search.noiseless:
+        found |= _searched_again(posterior, found)
+
+    best: dict[tuple[str, ...], float] = {}
+    for (names, _), value in found.items():
+        once = tuple(dict.fromkeys(names))
+        best[once] = float(np.logaddexp(best.get(once, -np.inf), value))
+    lifted = {names: value - sum(min(families[name].log_prior, 0.0) for name in names if name in LAWS)
+              for names, value in best.items()}
+    least, least_lifted = max(best.values()) - KEPT, max(lifted.values()) - KEPT
+    kept = tuple(sorted((names for names, value in best.items() if value > least or lifted[names] > least_lifted),
+                        key=lambda names: -best[names]))
+    prior = {name: families[name].log_prior for names in kept for name in names}
+    shares = _shares(search)
+    silent = frozenset(LAWS).difference(shares) | {name for name, share in shares.items() if share < HIDDEN_SHARE}
+    made = RunCauses(kept, np.array([best[names] for names in kept]), prior, silent.difference(prior))
+    if search.noiseless:
+        return made
+    likely = sorted((name for name in prior if made.odds(name) > 1), key=lambda name: -made.odds(name))
+    shapes = {}
+    for name in likely[:SHAPED]:
+        key = next((key for key in posterior.keys if name in key[0]), None)
+        if key and (shape := _shape(posterior, key, families[name])):
+            shapes[name] = shape
+    return RunCauses(made.hypotheses, made.log_evidence, prior, made.silent, shapes)
+
+
+def _shares(search: RunSearch) -> dict[str, float]:
+    """Return the largest sensitivity of a run to each family."""
+    bank, out = search.readings.bank, dict[str, float]()
+    for key, seen in search.readings.white.shares.items():
+        number = bank.groups[key].family
+        best = np.zeros(len(bank.families))
+        np.maximum.at(best, number, seen)
+        for k in np.unique(number):
+            out[bank.families[k].name] = max(out.get(bank.families[k].name, 0.0), float(best[k]))
+    return out
+
+
+def _without(posterior: Posterior, key: Key, name: str = '') -> State:
+    """Return the State of a hypothesis, less the first member of a name, in the noise of the best one."""
+    evidence, places = posterior.state.evidence, list(posterior.places(key))
+    if name:
+        places.remove(next(place for place in places if place[0].name == name))
+    return State(evidence, [evidence.member(family, setting, 0.0) for family, setting in places])
+
+
+def _searched_again(posterior: Posterior, found: Mapping[Key, float]) -> dict[Key, float]:
+    """Return the log evidence of the likeliest hypotheses with each named cause more, where it is not known.
+
+    The search looks for what joins its best hypothesis; the cell may know that another one is true."""
+    out: dict[Key, float] = {}
+    noise = posterior.keys[0][1]
+    likely = [key for key in posterior.keys if key[1] == noise and posterior.p[key] > LISTED][:AGAIN]
+    for key in likely:
+        state = _without(posterior, key)
+        for offer in state.offers(is_open=False):
+            more = tuple(sorted((*key[0], offer.family.name))), noise
+            if offer.family.name not in key[0] and more not in found:
+                out[more] = max(out.get(more, -np.inf), found[key] + offer.gain)
+    return out
+
+
+def _shape(posterior: Posterior, key: Key, family: CauseFamily) -> CauseShape | None:
+    """Return the CauseShape of a cause beside the others of a hypothesis; None where these hide it."""
+    rest = _without(posterior, key, family.name)
+    place = next(one for one in posterior.places(key) if one[0].name == family.name)
+    evidence = rest.evidence
+    line = rest.line(evidence.member(*place, 0.0).rows)
+    constants: dict[str, tuple[tuple[float, ...], Floats]] = {}
+    searched = [one for one in family.effect.searched if is_constant(one)]
+    if searched and not family.is_free and family.effect.carries != 'nothing':
+        worth = rest.worth_of(family)
+        for one in searched:
+            groups: dict[float, list[float]] = {}
+            for setting, value in zip(family.settings, worth.tolist()):
+                if one.name in setting:
+                    groups.setdefault(setting.number(one.name), []).append(value)
+            if len(groups) > 1:
+                values = tuple(sorted(groups))
+                likelihood = np.array([np.logaddexp.reduce(groups[value]) - math.log(len(groups[value]))
+                                       for value in values])
+                constants[one.name] = values, _of_mean_one(likelihood)
+    return CauseShape(evidence.scale / math.sqrt(evidence.y.size), _of_mean_one(line), constants)
+
+
+def _of_mean_one(values: Floats) -> Floats:
+    return np.asarray(values - np.logaddexp.reduce(values) + math.log(len(values)))

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What several runs say of their cell: tables and JSON."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.joint.cell_diagnosis import CauseInRun, CellCause, CellDiagnosis
+from rosette_ros.core.run.number_words import micrometres
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.presentation.json_output import Json, plain
+from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.words.cell_words import constants_words, law_words, moves_words, runs_words
+from rosette_ros.words.verdict_words import chance
+
+CELL = 'rosette-cell-diagnosis/1'
+KINDS = ('property', 'once', 'possible')
+"""Of a cause: comes again, was there in single runs, may be a property."""
+
+
+def level_of(found: CellDiagnosis) -> Level:
+    """Return how a cell is shown: bad where something comes again, doubtful where something was there."""
+    if found.properties:
+        return Level.BAD
+    return Level.DOUBTFUL if found.once else Level.GOOD
+
+
+def every_cause(found: CellDiagnosis) -> list[tuple[str, CellCause]]:
+    """Return all causes that are told, each with its kind."""
+    return [(kind, one) for kind, some in zip(KINDS, (found.properties, found.once, found.doubtful)) for one in some]
+
+
+def cell_causes(found: CellDiagnosis) -> Table:
+    """Return the causes of a cell, those first that come again."""
+    every = every_cause(found)
+    causes = [one for _, one in every]
+    return Table('cell', 'Causes of the cell', (
+        words('kind', 'kind', [kind for kind, _ in every]),
+        column('probability', 'comes again', [one.again for one in causes], chance),
+        words('moves', 'moving body, correlated with', map(moves_words, causes)),
+        words('law', 'likeliest law', [law_words(one.name) for one in causes]),
+        column('expected_runs', 'in runs', [one.expected for one in causes], runs_words),
+        column('judged_runs', 'of', [one.judged for one in causes], str),
+        column('rate', 'next run', [one.rate for one in causes], chance),
+        words('constants', 'constants', [constants_words(one.constants) for one in causes])),
+        levels=tuple('strong' if kind == KINDS[0] else '' for kind, _ in every)) if every else Table('cell', '', ())
+
+
+def cell_runs(found: CellDiagnosis) -> Table:
+    """Return each cause in each run, a row for each run: probability, by that run alone, size with U."""
+    causes = [one for kind, one in every_cause(found) if kind != KINDS[2]]
+    return Table('cell_runs', 'The causes in each run', (
+        words('run', 'run', found.runs),
+        *(words(f'cause{place}', law_words(one.name), map(_in_run, one.in_runs)) for place, one in enumerate(causes, 1))
+        ), note='Probability with what the other runs say (by this run alone); rms displacement over all coordinates '
+        f'with U (k = {COVERAGE_FACTOR}); –: this run says nothing of it')
+
+
+def _in_run(one: CauseInRun) -> str:
+    if not one.judged:
+        return '–'
+    size = '' if math.isnan(one.size) else (f', {micrometres(one.size)} ± '
+                                            f'{micrometres(COVERAGE_FACTOR * one.u)}')
+    return f'{chance(one.p)} ({chance(one.alone)}){size}'
+
+
+def cell_json(found: CellDiagnosis, sentences: Sequence[str], orders: Iterable[tuple[str, Sequence[str]]] = ()) -> Json:
+    """Return what is said of a cell as JSON; orders: with what each would show of what is hidden."""
+    return plain({
+        'schema': CELL, 'level': level_of(found), 'sentences': list(sentences), 'runs': list(found.runs),
+        'causes': [{'kind': kind, **_cause_json(found, one)} for kind, one in every_cause(found)],
+        'explanations': [{'properties': one.names, 'probability': p} for p, one in found.rates.hypotheses if p > 1e-3],
+        'hidden': list(found.hidden), 'orders': [{'order': order, 'shows': list(names)} for order, names in orders]})
+
+
+def _cause_json(found: CellDiagnosis, one: CellCause) -> Json:
+    return {
+        'motions': one.bodies, 'variables': one.variables, 'property': one.again,
+        'laws': [{'effect': name, 'property': p} for name, p in one.laws],
+        'expected_runs': one.expected, 'judged_runs': one.judged, 'rate': one.rate, 'size_m': one.size,
+        'size_spread': one.spread,
+        'constants': [{'name': each.name, 'value': each.value, 'U': COVERAGE_FACTOR * each.u, 'unit': each.unit}
+                      for each in one.constants],
+        'changes': [{'condition': each.condition, 'slope_m': each.slope, 'U_m': COVERAGE_FACTOR * each.u, 'p': each.p}
+                    for each in one.changes],
+        'runs': [{'run': name, 'probability': each.p, 'alone': each.alone, 'size_m': each.size,
+                  'U_m': COVERAGE_FACTOR * each.u, 'judged': each.judged}
+                 for name, each in zip(found.runs, one.in_runs)]}
