@@ -22,14 +22,12 @@ from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.core.run.records import UNLIKELY, Floats, Run
+from rosette_ros.core.run.records import SAME_READING, SAME_SHARE, UNLIKELY, Floats, Run
 from rosette_ros.core.sight.bank import CauseFamily, columns_of
 from rosette_ros.core.sight.visibility import DETECTABLE
 
 Learnt = tuple[Effect, FittedEffect]
 """An effect and how it was fitted to run A."""
-SAME_READING, SAME_SHARE = 1e-9, 0.9
-"""Readings that differ by less, m, are the same; runs are the same of which so large a share is."""
 
 
 class CheckOutcome(StrEnum):

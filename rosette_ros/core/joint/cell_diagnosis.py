@@ -14,7 +14,6 @@ import scipy  # which loads its parts where they are used
 from rosette_ros.core.diagnosis.limits import LISTED, WHOLE
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.run_search import RunSearch, with_places
-from rosette_ros.core.diagnosis.second_run import SAME_READING
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import OF, TIMES
@@ -25,7 +24,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.axes import refuse_other_axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
-from rosette_ros.core.run.records import UNLIKELY, Floats, Run
+from rosette_ros.core.run.records import SAME_READING, UNLIKELY, Floats, Run
 from rosette_ros.core.sight.bank import why_not_judged
 
 LIKELY = 0.5

@@ -17,7 +17,7 @@ from rosette_ros.core.model.least_squares import SigmaSource
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Frame
-from rosette_ros.core.run.records import CURVES, UNLIKELY, ErrorMotions
+from rosette_ros.core.run.records import CURVES, SAME_READING, SAME_SHARE, UNLIKELY, ErrorMotions
 from rosette_ros.core.run.remarks import Remark, remark
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MATTERS, hidden_covariance
@@ -32,8 +32,6 @@ NEAR, NEARLY_ALONG = 1e-3, 5e-3
 """Table frames that differ by less, m and rad, are two findings of one."""
 SAME_PLATE = 0.5
 """Distances of balls differ by less than this share of the median of all turns, where a turn is found."""
-SAME_READING, SAME_SHARE = 1e-9, 0.9
-"""Ball centres that differ by less, m, are one reading; runs with such a share of the smaller one are refused."""
 MOST_READINGS = 1000
 """Of more readings the covariance of what may be there would take minutes."""
 LEAST_DISTANCES = 6

@@ -39,6 +39,9 @@ every day; at 1e-6 a repeatability stated a third too small would pass on a plat
 (301 degrees of freedom) is refused from 1.10 times the stated repeatability, one of 6 balls (49) from 1.24 times: where
 that is chance, U is too large by as much, which does less harm than a U of a repeatability that is refuted.
 """
+SAME_READING, SAME_SHARE = 1e-9, 0.9
+"""Ball centres that differ by less, m, are one reading; of runs with such a share of the smaller one in common one is
+the other once more, and neither counts beside it."""
 
 _INTEGERS = ('table_position', 'ball', 'approach', 'session')
 _REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel', 'cmm_sense')
