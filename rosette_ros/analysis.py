@@ -7,7 +7,7 @@ another run confirms it (`cross_check`), the next measurement (`advise`, `advise
 Several runs give one evaluation (`evaluate_jointly`).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,12 +20,19 @@ from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import (
     Diagnosis,
     diagnose,
-    explanations_as_fits,
     find,
     fitted_with_noise,
     judge,
 )
 from rosette_ros.core.diagnosis.effect_settings import choose_settings, families_of_terms
+from rosette_ros.core.diagnosis.run_result import (
+    RunCurves,
+    RunResult,
+    Which,
+    explanations_of,
+    in_environment,
+    stated_budget,
+)
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
@@ -39,10 +46,7 @@ from rosette_ros.core.run.records import ErrorMotions, Floats, Run
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.sight.visibility import Visibility, visibility
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
-from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of, fit_lines
-from rosette_ros.core.uncertainty.hidden_effects import unseen
 from rosette_ros.core.uncertainty.stated_environment import Environment
-from rosette_ros.core.uncertainty.uncertainty_budget import Budget, budget, touch_scatter
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
 """Parts of a summary in the order in which they are calculated."""
@@ -61,26 +65,14 @@ def analyse(run: Run, model: Model | None = None) -> Fit:
     return fitted_with_noise(run, model, fit(run, model, choose_settings(run, model)), run.n <= MOST_BALLS_JUDGED)
 
 
-def in_environment(verdict: Verdict, final: Fit, environment: Environment | None) -> Verdict:
-    """Return the verdict on a run with what U of its final fit contains in an environment, None where none is stated.
-    """
-    return verdict if environment is None else replace(verdict, unseen=unseen(final, environment))
+def result(run: Run, model: Model | None = None, inputs: BudgetInputs | None = None,
+           refit: SphereRefit | None = None) -> RunResult:
+    """Return the RunResult of a run; what is missing is looked for on plates of at most MOST_BALLS_JUDGED.
 
-
-def explanations_of(found: Diagnosis, fitted: Fit) -> tuple[tuple[float, Fit], ...]:
-    """Return the explanations of a run, fits with probabilities; none for a fit that lacks what is claimed."""
-    if found.missing:
-        return fitted.explanations
-    return explanations_as_fits(found.fit.run, found.model)
-
-
-def stated_budget(fitted: Fit, inputs: BudgetInputs | None, found: Diagnosis | None, doubt: str,
-                  refit: SphereRefit | None = None, hidden: Sequence[Visibility] | None = None) -> Budget:
-    """Return the budget of a fit, with the explanations found in the run where an environment is stated.
-
-    doubt: as of `refuted`; refit: the spheres of the touches, where there are any; hidden: as of `budget`."""
-    explanations = explanations_of(found, fitted) if found and inputs and inputs.environment else ()
-    return budget(fitted, inputs, touch_scatter(refit), hidden, doubt, explanations)
+    inputs, refit: as of RunResult; model and NotDeterminable: as of `analyse`."""
+    fitted = analyse(run, model)
+    found = find(fitted.run, fitted.model) if run.n <= MOST_BALLS_JUDGED else None
+    return RunResult(fitted, found, inputs, refit)
 
 
 def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMotions:
@@ -90,7 +82,7 @@ def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMoti
     table about another axis; model and NotDeterminable: as of `analyse`.
     """
     refuse_other_axes([(run.run_id or run.source, run.rotation) for run in (first, other)])
-    return analyse(other, model).error_motions.turned_back(other.table_offset - first.table_offset)
+    return result(other, model).curves.motions.turned_back(other.table_offset - first.table_offset)
 
 
 def compare(run: Run, model: Model | None = None) -> Comparison:
@@ -209,19 +201,15 @@ class Summary:
         """The Fit with all that is claimed: the best account of the run."""
         return self.diagnosis.final
 
-    @property
-    def found(self) -> Fit | None:
-        """The Fit with the cause found; None where nothing that has a name is missing."""
-        return self.diagnosis.with_cause
+    @cached_property
+    def result(self) -> RunResult:
+        """The result, and the fit as modelled beside it."""
+        return RunResult(self.fit, self.diagnosis, BudgetInputs(environment=self.environment))
 
     @property
     def verdict(self) -> Verdict:
         """The one verdict."""
         return in_environment(self.diagnosis.verdict, self.final, self.environment)
-
-    def lines(self, tolerances: Mapping[str, float] | None = None) -> tuple[AxisError, ...]:
-        """The six error motions in a line each, as modelled now; tolerances: of ranges by curve, m and rad."""
-        return fit_lines(self.fit, tolerances, doubt_of(self.verdict))
 
     @cached_property
     def visibilities(self) -> tuple[Visibility, ...]:
@@ -273,6 +261,7 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
 
 
 __all__ = [
-    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'Known', 'LadderStep', 'Summary', 'Verdict', 'advise',
-    'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'evaluate_jointly',
-    'explanations_of', 'find', 'in_environment', 'judge', 'ladder', 'summarise']
+    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'Known', 'LadderStep', 'RunCurves', 'RunResult',
+    'Summary', 'Verdict', 'Which', 'advise', 'advise_run', 'analyse', 'change', 'claimed_model', 'compare',
+    'cross_check', 'diagnose', 'evaluate_jointly', 'explanations_of', 'find', 'in_environment', 'judge', 'ladder',
+    'result', 'stated_budget', 'summarise']

@@ -21,11 +21,10 @@ from rosette_ros.core.diagnosis.verdict import Level, Outcome
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.records import SI_UNITS
 from rosette_ros.core.run.scheme import plan
-from rosette_ros.core.uncertainty.error_summary import fit_lines
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.open_run import open_run
 from rosette_ros.nodes.conversions import diagnosis_message
-from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.error_results import errors_of
 from rosette_ros.presentation.report.run_page import report_html
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.controller import Controller
@@ -131,29 +130,29 @@ def test_the_report_states_the_verdict(kind):
 @pytest.mark.usefixtures('sketched')
 @pytest.mark.parametrize('kind', ['hidden effect', 'incomplete'])
 def test_every_interface_shows_the_same_numbers(kind, tmp_path, capsys):
-    """Six errors and curves with U as modelled now and, where a cause is missing, with it: verbs, report, studio."""
+    """Six errors and curves with U as modelled and, where a cause is missing, of the result: verbs, report, studio."""
     path = tmp_path / 'run.csv'
     write_csv(KINDS[kind][0](), path)
     summary = summarise(open_run(path))
-    fits = {'': summary.fit, **({'with_cause_found': summary.found} if summary.found else {})}
-    assert (len(fits) == 2) == (kind == 'hidden effect')
-    table = errors(summary.lines(), found=fit_lines(summary.found) if summary.found else ())
-    shown = table.select('error', 'range_in_unit', 'U_range_in_unit', 'found_range_in_unit', 'U_found_range_in_unit')
-    assert len(shown.columns) == 1 + 2 * len(fits)
+    result, every = summary.result, errors_of(summary.result)
+    fits = {'': result.modelled, 'result': result.curves}
+    fits |= {'with_cause_found': result.curves} if result.beside else {}
+    assert len(every) == (2 if kind == 'hidden effect' else 1)
+    shown = [row for table in every for row in table.select('error', 'range_in_unit', 'U_range_in_unit').rows]
     for verb, found in verbs(path, capsys):
         if verb != 'compare' and isinstance(found, str):
-            assert all(f' {" ".join(row)} ' in found for row in shown.rows), verb
+            assert all(f' {" ".join(row)} ' in found for row in shown), verb
         elif verb != 'compare':
-            assert (found['with_cause_found'] is None) == (len(fits) == 1), verb
-            for name, fit in fits.items():
+            assert (found['with_cause_found'] is None) == (result.beside is None), verb
+            for name, one in fits.items():
                 curves = found[name] if name else found
                 for place, (curve, unit) in enumerate(SI_UNITS.items()):
                     key = f'{curve}_{unit}'
-                    np.testing.assert_allclose(curves[key], fit.error_motions.values[:, place], atol=1e-15)
-                    np.testing.assert_allclose(curves['U'][key], 2 * fit.error_motions.u[:, place], rtol=1e-9)
+                    np.testing.assert_allclose(curves[key], one.motions.values[:, place], atol=1e-15)
+                    np.testing.assert_allclose(curves['U'][key], 2 * one.motions.u[:, place], rtol=1e-9)
     page = ' '.join(re.sub(r'<[^>]*>', ' ', unescape(report_html(summary))).split())
     labels = ' '.join(' '.join(studio_words(open_run(path))).split())
-    assert all(' '.join(row) in page and ' '.join(row) in labels for row in shown.rows)
+    assert all(' '.join(row) in page and ' '.join(row) in labels for row in shown)
 
 
 def studio_words(run):

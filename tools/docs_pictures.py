@@ -29,7 +29,6 @@ from rosette_ros.presentation.plots.comparison_plots import budget_bars
 from rosette_ros.presentation.plots.plan_plots import pictures_of_plans
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import open_source, pictures_of, report_html
-from rosette_ros.presentation.report.run_page import budget_of
 from rosette_ros.simulation import Machine, MachineConfig
 
 IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
@@ -57,7 +56,7 @@ def main():
         write_csv(run, table)
         run, source = open_source(table)
         summary = summarise(run)
-        pictures = pictures_of(summary, made=budget_of(summary))
+        pictures = pictures_of(summary)
         for name in SHOWN:
             keep(pictures[name], f'report-{name.replace("_", "-")}.png')
         page = Path(folder) / 'page.html'

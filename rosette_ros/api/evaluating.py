@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros import analysis
-from rosette_ros.analysis import LadderStep, claimed_model, stated_budget
+from rosette_ros.analysis import LadderStep, RunCurves, RunResult, claimed_model
 from rosette_ros.api.cells import diagnosed_cell
 from rosette_ros.api.measurement import Doing, JudgedRun, Measurement, model_of, read, several, stated_inputs
 from rosette_ros.api.result import DrawnResult, Result, frame_of, html_of, in_notebook, plots
@@ -21,7 +21,6 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult, evaluate_jointly
 from rosette_ros.core.joint.run_to_run import joint_spheres
-from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats
@@ -30,8 +29,8 @@ from rosette_ros.core.sight.visibility import Visibility, visibility
 from rosette_ros.core.table.correction import Correction
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo, monte_carlo
-from rosette_ros.core.uncertainty.error_summary import ONE_SENSE, AxisError, doubt_of, four_axis_errors, refuted
-from rosette_ros.core.uncertainty.uncertainty_budget import Budget, stated_lines
+from rosette_ros.core.uncertainty.error_summary import ONE_SENSE, AxisError, four_axis_errors
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.correction_file import correction_csv, format_correction
 from rosette_ros.io.open_run import joint_identity
@@ -42,7 +41,7 @@ from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation import joint_results, tables
 from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, environment_json
 from rosette_ros.presentation.correction_results import correction_table
-from rosette_ros.presentation.error_results import FourAxis, errors, four_axis_json, four_axis_table
+from rosette_ros.presentation.error_results import FourAxis, errors_of, four_axis_json, four_axis_table
 from rosette_ros.presentation.explanation_results import explanations
 from rosette_ros.presentation.json_output import comparison_json, diagnosis_json, evaluation_json
 from rosette_ros.presentation.table_format import Table
@@ -102,22 +101,14 @@ def _level(verdict: Verdict | None) -> str:
 class Evaluation(DrawnResult):
     """The evaluation of one run under a model.
 
-    fit, lines, made: as modelled, its errors in a line each, its budget where one is stated; final, found_lines, best:
-    the same with the cause found, None and () where none that has a name is missing; refit: the spheres of touches;
-    spheres: four-axis errors."""
+    result: the curves that count and those as modelled; fit: as modelled; refit: the spheres of touches; spheres:
+    four-axis errors."""
 
     def __init__(self, judged: JudgedRun, refit: SphereRefit | None = None, where: Sequence[float] = ()) -> None:
-        self.judged, self.refit, self.verdict, self.fit = judged, refit, judged.verdict, judged.fit
-        self.made = judged.budget_of(self.fit)
-        tolerances = judged.identity.limits(judged.run.rotation)
-        self.motions, self.lines = stated_lines(self.fit, self.made, tolerances, doubt_of(self.verdict))
-        self.final: Fit | None = judged.finding.with_cause if judged.finding else None
-        self.best = judged.budget_of(self.final) if self.final else None
-        self.found: ErrorMotions | None = None
-        self.found_lines: tuple[AxisError, ...] = ()
-        if self.final:
-            self.found, self.found_lines = stated_lines(self.final, self.best)
-        self.spheres: FourAxis = [('rotary table', four_axis_errors([self.found or self.motions], *where),
+        self.judged, self.refit, self.result, self.fit = judged, refit, judged.result, judged.fit
+        self.verdict = self.result.verdict
+        self.tolerances = judged.identity.limits(judged.run.rotation)
+        self.spheres: FourAxis = [('rotary table', four_axis_errors([judged.motions], *where),
                                    ONE_SENSE)] if where else []
         self.level = _level(self.verdict)
 
@@ -127,14 +118,22 @@ class Evaluation(DrawnResult):
         return self.fit.model
 
     @property
+    def lines(self) -> tuple[AxisError, ...]:
+        """The six error motions of the result in a line each."""
+        return self.result.curves.lines(self.tolerances)
+
+    @property
     def curves(self) -> ErrorCurves:
-        """The curves that are recommended: with the cause found, where one is missing, else as modelled."""
-        return ErrorCurves(self.found, text.FOUND) if self.found else ErrorCurves(self.motions)
+        """The curves of the result: over all explanations where something is missing, else as modelled."""
+        return self._named(self.result.curves)
 
     @property
     def as_modelled(self) -> ErrorCurves:
         """The curves of the model as given."""
-        return ErrorCurves(self.motions, text.NOW if self.found else '')
+        return self._named(self.result.modelled)
+
+    def _named(self, curves: RunCurves) -> ErrorCurves:
+        return ErrorCurves(curves.motions, curves.which if self.result.beside else '')
 
     @property
     def residuals(self) -> Floats:
@@ -143,15 +142,17 @@ class Evaluation(DrawnResult):
 
     def to_mapping(self) -> dict[str, Any]:
         more = ({'spheres': spheres_json(self.refit)} if self.refit else {}) | four_axis_json(self.spheres)
-        return {**evaluation_json(self.fit, self.verdict, self.lines, self.final, self.made, self.best),
-                **environment_json(self.best or self.made), **more}
+        return {**evaluation_json(self.result, self.tolerances), **environment_json(self.result.curves.budget), **more}
 
     def sentences(self) -> tuple[str, ...]:
         return _said(self.verdict) or (f'Residual: {text.residual_words(self.fit)}',)
 
     def tables(self) -> tuple[Table, ...]:
-        return (self.curves.table, errors(self.lines, found=self.found_lines),
-                *four_axis_table(self.spheres, f', {text.FOUND}' * bool(self.found)), tables.deviations(self.fit),
+        """Return the tables of the result, then those of the fit as modelled."""
+        two = bool(self.result.beside)
+        return (*tables.curves_of(self.result), *errors_of(self.result, self.tolerances),
+                *four_axis_table(self.spheres, f', {self.result.curves.which}' * two),
+                tables.deviations(self.fit, self.result.modelled.which if two else ''),
                 tables.fitted_effects(self.fit, 'Effects in the model'))
 
     def draw(self, truth: ErrorMotions | None = None) -> Any:
@@ -387,19 +388,23 @@ def budget(run: Any, model: ModelLike = None, *, inputs: Stated = None, environm
 def budgeted(judged: JudgedRun, hidden_effects: bool = False, trials: int = 0, seed: int = 0,
              step: Callable[[int], object] = lambda done: None, doing: Doing = lambda words: nullcontext()) -> Budgeted:
     """Return the budget of a run that is opened; step: called with the trials done since; doing: around all of them."""
-    fit = judged.fit
     refit = refit_if_touched(judged.path, judged.measured.run_id) if judged.path else None
+    result = RunResult(judged.fit, judged.finding, judged.inputs or BudgetInputs(), refit)
+    fit = result.curves.fit
     hidden = visibility(judged.run, fit.sigma, fit.model.base) if hidden_effects else None
-    made = stated_budget(fit, judged.inputs or BudgetInputs(), judged.finding, refuted(judged.verdict), refit, hidden)
+    made = result.budget_with(hidden)
     with doing('Monte Carlo') if trials else nullcontext():
         return Budgeted(made, monte_carlo(made, trials, seed, step) if trials else None)
 
 
 class Corrected(Result):
-    """A correction of the table; serial: of the table; unknown: curves whose mean reversal the runs do not tell."""
+    """A correction of the table; serial: of the table; unknown: curves whose mean reversal the runs do not tell; which:
+    curves of one run it takes off."""
 
-    def __init__(self, correction: Correction, serial: str, verdict: Verdict | None, unknown: Sequence[str]) -> None:
+    def __init__(self, correction: Correction, serial: str, verdict: Verdict | None, unknown: Sequence[str],
+                 which: str = '') -> None:
         self.correction, self.serial, self.verdict, self.unknown = correction, serial, verdict, tuple(unknown)
+        self.which = which
         self.level = _level(verdict)
 
     def sentences(self) -> tuple[str, ...]:
@@ -442,7 +447,7 @@ def corrected(judged: JudgedRun, curves: tuple[str, ...]) -> Corrected:
         raise InvalidData(f'{judged.path or run.source}: expected a run whose table position 1 is at angle 0, found '
                           f'{np.rad2deg(run.table_offset):.6g} deg; with --joint its curves are in the axes of angle 0')
     return Corrected(Correction(judged.motions, judged.motions, curves, run.run_id, run.simulated),
-                     judged.identity['table.serial'], judged.verdict, [])
+                     judged.identity['table.serial'], judged.verdict, [], judged.result.curves.which)
 
 
 def corrected_jointly(result: JointResult, serial: str, curves: tuple[str, ...]) -> Corrected:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find, in_environment, stated_budget
+from rosette_ros.analysis import MOST_BALLS_JUDGED, RunResult, analyse, find
 from rosette_ros.api.result import frame_of, html_of
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -20,8 +20,6 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError
 from rosette_ros.core.run.records import ErrorMotions, Run
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
-from rosette_ros.core.uncertainty.error_summary import refuted
-from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.io.column_map import ColumnMap
@@ -173,19 +171,17 @@ class JudgedRun:
     @property
     def verdict(self) -> Verdict | None:
         """The verdict, None as for `finding`."""
-        return in_environment(
-            self.finding.verdict, self.finding.final, self.inputs.environment if self.inputs else None
-        ) if self.finding else None
-
-    def budget_of(self, fit: Fit) -> Budget | None:
-        """Return the budget of a fit, None where nothing is stated."""
-        return stated_budget(fit, self.inputs, self.finding, refuted(self.verdict)) if self.inputs else None
+        return self.result.verdict
 
     @cached_property
+    def result(self) -> RunResult:
+        """The result, and the fit as modelled beside it."""
+        return RunResult(self.fit, self.finding, self.inputs)
+
+    @property
     def motions(self) -> ErrorMotions:
-        """The six curves, with U and, in an environment, the mean over explanations that are stated."""
-        made = self.budget_of(self.fit)
-        return made.error_motions if made else self.fit.error_motions
+        """The six curves of the result, with U."""
+        return self.result.curves.motions
 
 
 def model_of(given: 'Model | str | Path | None') -> Model:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from rosette_ros.analysis import in_environment, stated_budget
+from rosette_ros.analysis import RunResult
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
@@ -17,7 +17,6 @@ from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
 from rosette_ros.core.uncertainty.stated_environment import Environment
-from rosette_ros.core.uncertainty.uncertainty_budget import stated_lines
 from rosette_ros.invocation import __version__
 from rosette_ros.io.identity_file import Identity, format_identity
 from rosette_ros.io.reading_checks import known_temperatures
@@ -89,8 +88,10 @@ COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ('effects', pa.list_(_EFFECT), 'effects with their rms and parameters (value, U: k = 2, unit): in_model says '
                                    'whether it stands in the model or the diagnosis names it'),
     ('rotation', _REALS, 'of the table frame in the machine frame, 9 values row by row; null where not known'),
+    ('result', _TEXT, 'which curves these are: all explanations averaged where something is missing, else as modelled; '
+                      'null where a version wrote the row that kept those as modelled'),
     ('angle_rad', _REALS, 'the n table angles of the curves'),
-    *((key, _REALS, f'error motion at the n angles, {key.partition("_")[0]} (VDI/VDE 2617), under the model')
+    *((key, _REALS, f'error motion at the n angles, {key.partition("_")[0]} (VDI/VDE 2617): the result')
       for key in CURVE_KEYS),
     *((f'U_{key}', _REALS, f'its expanded uncertainty at each angle, k = {COVERAGE_FACTOR}') for key in CURVE_KEYS),
     *((f'range_{key}', _REAL, 'range of the curve, the synchronous error motion value (ISO 230-7)')
@@ -124,14 +125,12 @@ def evaluation_row(fit: Fit, finding: Diagnosis | None = None, source: Source | 
 
     finding: None where the run was not diagnosed; source: of the run, None where it comes from no file; identity: in
     place of that of the source; environment: that is stated, which curves and U are taken in."""
-    run, made = fit.run, None
-    if environment and run.n <= MOST_BALLS:
-        made = stated_budget(fit, BudgetInputs(environment=environment), finding, '')
+    run, stated = fit.run, BudgetInputs(environment=environment if fit.run.n <= MOST_BALLS else None)
+    result = RunResult(fit, finding, stated)
     known = known_temperatures(run)
     identity = identity or (source.identity if source else Identity())
-    verdict = in_environment(finding.verdict, finding.final, environment) if finding else None
-    in_model = len(fit.effects)
-    motions, lines = stated_lines(fit, made)
+    verdict, in_model = result.verdict, len(fit.effects)
+    motions, lines = result.curves.motions, result.curves.lines()
     return {
         'measured_at': _time(source.begun if source else '', identity['measured.begin']),
         'ended_at': _time(source.ended if source else '', identity['measured.end']), 'cell': cell,
@@ -142,7 +141,7 @@ def evaluation_row(fit: Fit, finding: Diagnosis | None = None, source: Source | 
         **dict(zip((f'temperature_{name}_C' for name in ('mean', 'min', 'max')),
                    (float(one) for one in (known.mean(), known.min(), known.max())) if known.size else (None,) * 3)),
         'repeatability_m': run.repeatability, 'rms_m': fit.rms, 'sigma_m': fit.sigma,
-        'environment': environment.name if made and environment else '', 'dof': fit.dof,
+        'environment': stated.environment.name if stated.environment else '', 'dof': fit.dof,
         'lack_of_fit_p': fit.lack_of_fit_p, 'final_rms_m': finding.final.rms if finding else None,
         **verdict_json(verdict_text(verdict) if verdict else None),
         'missing': list(finding.missing) if finding else None,
@@ -154,6 +153,7 @@ def evaluation_row(fit: Fit, finding: Diagnosis | None = None, source: Source | 
                            for each in one.parameters]}
             for place, one in enumerate((*fit.effects, *(finding.final.effects[in_model:] if finding else ())))],
         'rotation': None if run.rotation is None else run.rotation.ravel().tolist(),
+        'result': str(result.curves.which),
         'angle_rad': motions.angle.tolist(), **_lists('{}', CURVE_KEYS, motions.values),
         **_lists('U_{}', CURVE_KEYS, COVERAGE_FACTOR * motions.u),
         **{f'range_{key}': line.range for key, line in zip(CURVE_KEYS, lines, strict=True)},

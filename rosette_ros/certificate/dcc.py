@@ -235,7 +235,7 @@ def _error(line: AxisError, probability: float, beside: str) -> Element:
         ranged[0].append(_dcc('measurementMetaData', _dcc(
             'metaData', _named('conformity'), _dcc('norm', 'ISO 14253-1'), _rich('declaration', '. '.join(filter(None, (
                 f'{SAID.get(line.conformity, line.conformity)}: {DECISION_RULE}', line.doubt, beside)))),
-            _dcc('conformity', STATUS.get(line.conformity, within)), _dcc('data', limit))))
+            *([] if line.doubt else [_dcc('conformity', STATUS.get(line.conformity, within))]), _dcc('data', limit))))
     return _dcc('list', _named(f'{line.curve} ({line.name})'), *ranged,
                 *quantity('range of the fundamental error motion', 'once_per_turn', line.once_per_turn),
                 *quantity('range of the residual synchronous error motion', 'residual', line.residual),

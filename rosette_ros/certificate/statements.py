@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, find, in_environment, stated_budget
+from rosette_ros.analysis import evaluate_jointly, result
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_lines
@@ -21,9 +21,9 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import ErrorMotions, Floats, Run
 from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
-from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of, refuted
+from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
-from rosette_ros.core.uncertainty.uncertainty_budget import Budget, probability_of_u, stated_lines
+from rosette_ros.core.uncertainty.uncertainty_budget import Budget, probability_of_u
 from rosette_ros.io.budget_file import budget_inputs, environment_of
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity
@@ -126,11 +126,13 @@ class Certificate:
     @property
     def is_limited(self) -> bool:
         """Whether conformity with a tolerance is decided."""
-        return any(line.tolerance is not None for curves in self.sets for line in curves.lines)
+        return any(line.tolerance is not None and not line.doubt for curves in self.sets for line in curves.lines)
 
     @property
     def beside_conformity(self) -> str:
-        """What a decision on conformity does not consider, in a sentence."""
+        """What a decision on conformity does not consider, in a sentence; '' where none is made."""
+        if not self.is_limited:
+            return ''
         return f'Conformity is decided with this U, which does not contain {lacking_in_u(self.budget)}.'
 
     @property
@@ -163,24 +165,21 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
     identity, contradictions = source.identity.with_changes(inputs.identity)
     limits, measured = identity.limits(run.rotation), _measured(run, source)
     days = _complete(identity, [measured], ask, inputs.issued)
-    fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
-    given, verdict = budget_inputs(inputs.budget) if inputs.budget else BudgetInputs(), None
-    found = find(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
-    if found:
-        verdict = verdict_text(in_environment(found.verdict, found.final, given.environment))
-    doubt, made = doubt_of(verdict), None
+    given = budget_inputs(inputs.budget) if inputs.budget else BudgetInputs()
     refit, untouched = touches_of(source)
-    if inputs.budget or run.n <= MOST_BALLS:
-        made = stated_budget(fit, given, found, refuted(verdict), refit)
-    motions, lines = stated_lines(fit, made if inputs.budget else None, limits, doubt)
+    found = result(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None, given, refit)
+    verdict = verdict_text(found.verdict) if found.verdict else None
+    made = found.budget_with() if inputs.budget or run.n <= MOST_BALLS else None
+    fit, curves = found.curves.fit, found.curves
     facts = [fact_words(one) for one in run.remarks if one.kind not in NO_RESULT]
     unknown = [*text.not_known(run, fit.gauge, facts), *(verdict.limits if verdict else ()), *untouched]
-    evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
+    which = (('Result', f'{curves.which}, as something is missing from the model'),) if found.beside else ()
+    evaluation = (('Model', text.model_words(found.fit.model)), *which, ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)),
                   ('Environment', environment_words(given.environment)))
     dof = float(made.effective_dof.min()) if made else fit.dof
-    return _stated(inputs, identity, contradictions, days, [measured], [CurveSet('table', motions, lines, dof)],
-                   verdict, evaluation, unknown, source.files, made)
+    return _stated(inputs, identity, contradictions, days, [measured], [
+        CurveSet('table', curves.motions, curves.lines(limits), dof)], verdict, evaluation, unknown, source.files, made)
 
 
 def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certificate:

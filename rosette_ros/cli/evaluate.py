@@ -14,6 +14,7 @@ from rich.text import Text
 from rosette_ros.analysis import (
     MOST_BALLS_ADVISED,
     MOST_BALLS_JUDGED,
+    RunResult,
     advise_run,
     diagnose,
 )
@@ -41,17 +42,17 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.joint.conclusion import conclude
+from rosette_ros.core.run.errors import visible
 from rosette_ros.core.run.number_words import micrometres
 from rosette_ros.core.sight.visibility import Visibility
-from rosette_ros.core.uncertainty.error_summary import doubt_of, fit_lines
 from rosette_ros.invocation import command
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.presentation import joint_results as results
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.budget_results import environment_words, hidden_table
-from rosette_ros.presentation.error_results import errors, four_axis_table
+from rosette_ros.presentation.error_results import errors_of, four_axis_table
 from rosette_ros.presentation.explanation_results import causes, explanations
-from rosette_ros.presentation.formatting import FOUND, uncertainty_words
+from rosette_ros.presentation.formatting import uncertainty_words
 from rosette_ros.presentation.tables import deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.words.advice_words import advice_words
@@ -68,6 +69,9 @@ WIDEST_MAP = 40
 """Most balls for which the map of the readings fits on a screen."""
 LOW, HIGH = 2.0, 3.0
 """Residual of a reading in σ from which it is shown as a digit, and in red."""
+ON_REQUEST = f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN'
+LACKS = 3
+"""Exit code of `evaluate --check` where a run lacks something."""
 NEW_MODEL = 'model.yaml'
 """Model file of a command where the run was judged without one."""
 
@@ -81,39 +85,57 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--test-spheres', metavar=('R_MM', 'HEIGHT_MM'), nargs=2, type=positive('mm'), help='also the '
                         'four-axis errors (ISO 10360-3) of two opposite test spheres at this radius, one in the plane '
                         'of the balls, one so far above it, calculated from the error motions')
-    add_formats(parser, csv='print the six curves as a table with standard uncertainties')
+    parser.add_argument('--check', action='store_true', help=f'end with exit code {LACKS} where the model lacks '
+                        'something, or where that was not judged')
+    add_formats(parser, csv='print the six curves as a table with standard uncertainties; verdict, model and ranges '
+                'with U in lines that begin with #')
 
 
-def run_evaluate(options: Namespace) -> None:
-    """Print the evaluation."""
+def run_evaluate(options: Namespace) -> int:
+    """Print the evaluation; return LACKS where --check is given and the model lacks something, else 0."""
     where = [1e-3 * one for one in options.test_spheres or ()]
     if is_joint(options):
-        show_joint(options, joint(options, where))
-        return
+        every = joint(options, where)
+        show_joint(options, every)
+        conclusion = conclude(every.result)
+        return _checked(options, conclusion.model_fails, conclusion_text(conclusion).sentence)
     made = evaluated(Opened(options, options.run_path[0]), options.refit_spheres, where)
     if options.csv or made.verdict is None:
         warn(made.fit.run)
     if options.csv:
-        sys.stdout.write(made.as_modelled.table.csv())
+        sys.stdout.write(tables.curves_csv(made.result, made.tolerances))
     elif options.json:
         print_json(made.to_mapping())
     else:
         show_evaluation(made, options)
+    if made.verdict is None:
+        return _checked(options, options.check, ON_REQUEST)
+    return _checked(options, made.verdict.model_fails, verdict_text(made.verdict).sentence)
+
+
+def _checked(options: Namespace, lacks: bool, words: str) -> int:
+    """Say on stderr that something is missing, where stdout is no terminal; return the exit code."""
+    if lacks and not sys.stdout.isatty():
+        print(visible(f'rosette: {words}'), file=sys.stderr)
+    return LACKS if lacks and options.check else 0
 
 
 def show_evaluation(made: Evaluation, options: Namespace) -> None:
     """Print the evaluation of a run for a person."""
-    out, fit, told = console(), made.fit, made.best or made.made
+    out, fit, result = console(), made.fit, made.result
+    (whole, *whole_beside), (curves, *curves_beside) = (errors_of(result, made.tolerances), tables.curves_of(result))
+    told, which = result.curves.budget, result.modelled.which if result.beside else ''
     out.print(head(fit.run))
     if made.verdict:
         print_card(out, made.verdict, options.run_path[0], options.model)
     else:
-        out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
+        out.print(ON_REQUEST)
     print_parts(out, [
-        errors(made.lines, found=made.found_lines), *four_axis_table(made.spheres, f', {FOUND}' * bool(made.found)),
-        made.as_modelled.table, *([made.curves.table] if made.found else []), hidden_table(told) if told else None,
-        deviations(fit), fitted_effects(fit, 'Effects in the model'),
-        pairs([*fit_rows(fit), *([('Environment', environment_words(told.inputs.environment))] if told else [])])])
+        whole, *four_axis_table(made.spheres, f', {result.curves.which}' * bool(which)), curves,
+        hidden_table(told) if told else None, *whole_beside, *curves_beside,
+        deviations(fit, which), fitted_effects(fit, 'Effects in the model'),
+        pairs([*([('Fit', which)] if which else []), *fit_rows(fit),
+               *([('Environment', environment_words(told.inputs.environment))] if told else [])])])
     if made.refit:
         print_parts(out, [sphere_table(made.refit), pairs(sphere_rows(made.refit))])
 
@@ -124,7 +146,7 @@ def show_joint(options: Namespace, made: JointEvaluation) -> None:
     if options.json:
         print_json(made.to_mapping())
     elif options.csv:
-        sys.stdout.write(results.joint_csv(result))
+        sys.stdout.write(results.joint_csv(result, made.tolerances))
     else:
         out = console()
         for one in result.solution.model.runs:
@@ -198,9 +220,8 @@ def show_diagnosis(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visib
     notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
     claimed = [one for one in diagnosis.candidates if one.claimed]
     others = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST]
-    found = diagnosis.with_cause
     print_parts(out, [
-        errors(fit_lines(diagnosis.fit, doubt=doubt_of(diagnosis.verdict)), found=fit_lines(found) if found else ()),
+        *errors_of(RunResult(diagnosis.fit, diagnosis)),
         tables.effects([(one.name, one.setting, one.parameters) for one in claimed],
                        'Parameters of the missing effects, all fitted together', measured.time_unit),
         explanations(diagnosis).first(NEXT_BEST),

@@ -118,8 +118,8 @@ def run_correct(options: Namespace) -> None:
     out = console()
     if verdict:
         out.print(f'[{COLOURS[verdict.level]}]{escape(verdict_text(verdict).sentence)}[/]')
-        if verdict.model_fails:
-            out.print('What the model lacks may be in these curves: add it first (rosette add).')
+    if made.which:
+        out.print(f'Curves: {made.which}.')
     print_parts(out, [correction_table(correction)])
     lines = [f'Harmonics: up to {correction.harmonics} of the table angle, those that the run determines.']
     if unknown:

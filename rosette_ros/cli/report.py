@@ -30,10 +30,10 @@ from rosette_ros.presentation.report import verification
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables, open_with_files
 from rosette_ros.presentation.report.provenance import digest, open_source
 from rosette_ros.presentation.report.run_page import (
-    budget_of_summary,
     every_table,
     pictures_of,
     report_html,
+    result_of,
     touches_of,
 )
 from rosette_ros.presentation.report.verification import Verification, read_maker, verify
@@ -126,11 +126,11 @@ def report_run(options: Namespace, place: str) -> None:
         summary = replace(summary, environment=inputs.environment if inputs else None)
         step('draw')
         refit = touches_of(source)[0]
-        made = budget_of_summary(summary, refit, inputs)
-        pictures = pictures_of(summary, overlays, refit, made, is_whole, source)
+        result = result_of(summary, refit, inputs)
+        pictures = pictures_of(summary, overlays, result, is_whole, source)
         write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs, options.annex),
                    options.force)
-        write_parts(options, pictures, every_table(summary, source.identity, refit, made))
+        write_parts(options, pictures, every_table(summary, source.identity, result))
     out.print(head(measured))
     print_result(out, verdict_text(summary.verdict), path)
 

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import Change
+from rosette_ros.analysis import Change, RunResult
 from rosette_ros.core.run.number_words import UNKNOWN, significant
 from rosette_ros.core.run.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.core.uncertainty import error_summary as summary
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import DECISION_RULE, SURE, AxisError, Conformity, SphereErrors
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, column, words
 from rosette_ros.words.effect_words import decimals, exact, fixed, scale_of
 
@@ -30,29 +29,30 @@ WHAT_IS_WHAT = (f'Range: largest value less smallest; U: k = {COVERAGE_FACTOR}, 
                 'synchronous error motion: without the fundamental one, once per revolution.')
 
 
-def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table'),
-           name: str = 'errors', found: Sequence[AxisError] = ()) -> Table:
-    """Return the table of AxisErrors: what is not stated of any of them has no column.
+def errors_of(result: RunResult, tolerances: Mapping[str, float] | None = None) -> tuple[Table, ...]:
+    """Return the table of the errors of a result and, where the fit as modelled stands beside it, that of this one.
 
-    found: the same with the cause found in the model, where one is missing."""
+    tolerances: of ranges by curve, m and rad, about which the result decides."""
+    title, lines = TITLE.format('rotary table'), result.curves.lines(tolerances)
+    if result.beside is None:
+        return (errors(lines, title),)
+    which, beside = result.beside.which, errors(result.beside.lines(), title, 'errors_as_modelled')
+    return (errors(lines, f'{title}, {result.curves.which}'),
+            replace(beside, title=f'{title}, {which}', note=''))
+
+
+def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table'), name: str = 'errors') -> Table:
+    """Return the table of AxisErrors: what is not stated of any of them has no column."""
     scales = [scale_of(SI_UNITS[line.curve]) for line in lines]
 
     def shown(value: float | None, line: AxisError) -> str:
         factor = scale_of(SI_UNITS[line.curve]).factor
         return '' if value is None else fixed(factor * value, decimals(factor * line.expanded))
 
-    def micro(key: str, head: str, values: Sequence[float | None], sign: str = '',
-              of: Sequence[AxisError] = lines) -> Column:
+    def micro(key: str, head: str, values: Sequence[float | None], sign: str = '') -> Column:
         return Column(key, head, tuple(None if value is None else one.factor * value
                                        for value, one in zip(values, scales, strict=True)),
-                      tuple(f'{sign}{shown(value, line)}' for value, line in zip(values, of, strict=True)))
-
-    def of_range(key: str, head: str, of: Sequence[AxisError]) -> tuple[Column, ...]:
-        angle = micro(f'U_{key}point_in_unit', 'U of each point', [COVERAGE_FACTOR * line.u_point for line in of], '±',
-                      of)
-        return (micro(f'{key}range_in_unit', head, [line.range for line in of], '', of),
-                micro(f'U_{key}range_in_unit', 'U of the range', [line.expanded for line in of], '±', of),
-                replace(angle, shown=None) if found else angle)  # beside each of the two curves, then
+                      tuple(f'{sign}{shown(value, line)}' for value, line in zip(values, lines, strict=True)))
 
     several = any(line.asynchronous is not None for line in lines)
     limited = any(line.tolerance is not None for line in lines)
@@ -63,8 +63,9 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
         words('error', 'error motion', [f'{line.curve} ({line.name}) / {one.unit}'.replace('-', '−')
                                  for line, one in zip(lines, scales, strict=True)]),
         column('unit', '', [one.unit for one in scales]),
-        *of_range('', f'range, {NOW}' if found else 'range', lines),
-        *(of_range('found_', f'range, {FOUND}', found) if found else ()),
+        micro('range_in_unit', 'range', [line.range for line in lines]),
+        micro('U_range_in_unit', 'U of the range', [line.expanded for line in lines], '±'),
+        micro('U_point_in_unit', 'U of each point', [COVERAGE_FACTOR * line.u_point for line in lines], '±'),
         micro('once_per_turn_in_unit', 'fundamental error motion', [line.once_per_turn for line in lines]),
         micro('residual_in_unit', 'residual synchronous error motion', [line.residual for line in lines]),
         *((micro('asynchronous_in_unit', 'asynchronous error motion', [line.asynchronous for line in lines]),
@@ -77,7 +78,7 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
            words('conformity', 'ISO 14253-1', [
                SAID.get(line.conformity, line.conformity or '') for line in lines])) if limited else ())),
         levels=tuple(LEVELS[line.conformity] for line in lines),
-        note=f'{WHAT_IS_WHAT}{_factors((*lines, *found))}{width}' + f' Decision rule: {DECISION_RULE}.' * limited
+        note=f'{WHAT_IS_WHAT}{_factors(lines)}{width}' + f' Decision rule: {DECISION_RULE}.' * limited
         + ''.join(f' Neither conformity nor non-conformity is stated: {doubt}.' for doubt in doubts))
 
 

@@ -31,8 +31,6 @@ from rosette_ros.words.effect_words import (
 P_VALUE, CROSS_VALIDATION, SENSITIVITY, LIMIT = (
     'p-value', 'cross-validation residual', 'sensitivity', 'detection limit')
 """Terms that every interface uses in the same words."""
-NOW, FOUND = 'as modelled now', 'all explanations averaged'
-"""The two models of a run whose verdict says that a cause is missing."""
 _GLUED = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ|→))|(?<=[±→=]) (?=[\d−])|(?<=[kR]) (?==)|'
                     r'(?<=\)) (?=/)|(?<=/) (?=µ)')
 DATED = 10**17

@@ -4,6 +4,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from rosette_ros.presentation.budget_results import environment_words, stated_js
 from rosette_ros.presentation.error_results import TITLE, errors, errors_json
 from rosette_ros.presentation.json_output import Json, by_curve, motions_json, plain
 from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
-from rosette_ros.presentation.tables import EXPANDED, curves
+from rosette_ros.presentation.tables import CURVES_SCHEMA, EXPANDED, STANDARD_U, curves, range_rows
 from rosette_ros.words.effect_words import decimals, exact, fixed, names, scale_of
 from rosette_ros.words.joint_words import note_words, part_words
 from rosette_ros.words.result_words import conclusion_text
@@ -122,13 +123,21 @@ def joint_deviations(result: JointResult) -> list[Table]:
     return out
 
 
-def joint_csv(result: JointResult) -> str:
-    """Return all curves as one CSV table, its first column naming the curve's table and sense."""
-    parts = joint_curves(result)
+def joint_csv(result: JointResult, tolerances: Mapping[str, float] | None = None) -> str:
+    """Return all curves as one CSV table, its first column naming the curve's table and sense; above it in '#' lines
+    verdict, model and the ranges of each table and sense with U."""
+    parts, conclusion = joint_curves(result), conclude(result)
+    verdict = conclusion_text(conclusion)
+    heading: list[tuple[str, Any]] = [
+        ('schema', CURVES_SCHEMA), ('run_id', '+'.join(run.run_id for run in result.solution.model.runs)),
+        ('model', dict(joint_rows(result))['Model']), ('level', verdict.level), ('verdict', verdict.sentence),
+        ('action', verdict.action), ('uncertainties', STANDARD_U)]
+    for one, _, lines in joint_lines(result, tolerances, doubt_of(conclusion)):
+        heading += [(f'{key} of the {one.words}', value) for key, value in range_rows(lines)]
     names = words('curves', '', [part.name for part in parts for _ in part.columns[0].values])
     joined = (replace(one, values=tuple(value for part in parts for value in part.columns[place].values))
               for place, one in enumerate(parts[0].columns))
-    return replace(parts[0], columns=(names, *joined)).csv()
+    return replace(parts[0], columns=(names, *joined)).csv(heading)
 
 
 def _titled(motions: ErrorMotions, title: str, name: str) -> Table:

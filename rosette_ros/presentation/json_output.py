@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import Change, LadderStep
+from rosette_ros.analysis import Change, LadderStep, RunResult
 from rosette_ros.core.diagnosis.cause import Cause
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
@@ -27,8 +27,6 @@ from rosette_ros.core.run.records import SI_UNITS, ErrorMotions
 from rosette_ros.core.sight.visibility import Visibility
 from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
-from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of, fit_lines
-from rosette_ros.core.uncertainty.uncertainty_budget import Budget, stated_lines
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json, verdict_json
 from rosette_ros.presentation.tables import CANDIDATE, CHECKED
@@ -85,24 +83,26 @@ def motions_json(motions: ErrorMotions) -> Json:
             'U': by_curve(COVERAGE_FACTOR * motions.u.T)}
 
 
-def found_json(found: Fit | None, made: Budget | None = None) -> Json:
-    """Return curves and errors with the cause found, null where no cause that has a name is missing; made: its budget.
-    """
-    if found is None:
-        return {'with_cause_found': None}
-    motions, lines = stated_lines(found, made)
-    return {'with_cause_found': {
-        'model': found.model.names, **motions_json(motions), 'iso_230_7': errors_json(lines)}}
+def result_json(result: RunResult, tolerances: Mapping[str, float] | None = None) -> Json:
+    """Return the result of a run, `result`, and the same curves as `with_cause_found`, null where no cause that has a
+    name is missing; tolerances: of ranges by curve, m and rad."""
+    one = result.curves
+    curves = {'model': one.fit.model.names, **motions_json(one.motions)}
+    named = result.found is not None and result.found.with_cause is not None
+    return {
+        'result': {'which': one.which, **curves, 'coverage_factor': COVERAGE_FACTOR,
+                   'iso_230_7': errors_json(one.lines(tolerances))},
+        'with_cause_found': {**curves, 'iso_230_7': errors_json(one.lines())} if named else None}
 
 
-def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[AxisError] | None = None,
-                    found: Fit | None = None, made: Budget | None = None, found_made: Budget | None = None) -> Json:
-    """Return a report, schema rosette-evaluation/1; u holds standard uncertainties; lines: None for no tolerances;
-    found: the fit with the cause found, where one is missing; made, found_made: budgets of both, whose U it is then.
+def evaluation_json(result: RunResult, tolerances: Mapping[str, float] | None = None) -> Json:
+    """Return a report, schema rosette-evaluation/1: the fit as modelled, and the result; u holds standard
+    uncertainties; tolerances: of ranges by curve, m and rad.
 
     An effect that stands twice in the model is named with its fixed parameters, or with all that were found.
     """
-    run, motions, plate = fit.run, stated_lines(fit, made)[0], clamped_plate(fit)
+    fit, verdict, motions = result.fit, result.verdict, result.modelled.motions
+    run, plate = fit.run, clamped_plate(fit)
     names, terms = [term.name for term in fit.model.terms], [str(term) for term in fit.model.terms]
     keys = [term.name if names.count(term.name) == 1 else str(term) if terms.count(str(term)) == 1 else
             str(Term(term.effect, one.setting)) for term, one in zip(fit.model.terms, fit.effects, strict=True)]
@@ -118,9 +118,9 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[Ax
         'simulated': run.simulated, 'rotation': run.rotation,
         'table_axis': None if run.rotation is None else run.rotation[:, 2],
         'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict_text(verdict) if verdict else None),
-        'iso_230_7': errors_json(fit_lines(fit, doubt=doubt_of(verdict)) if lines is None else lines),
+        'iso_230_7': errors_json(result.modelled.lines(tolerances)),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)},
-        **found_json(found, found_made)})
+        **result_json(result, tolerances)})
 
 
 def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[LadderStep] = ()) -> Json:
@@ -145,12 +145,12 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
 def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = (),
                    check: CrossCheck | None = None) -> Json:
     """Return a diagnosis, schema rosette-diagnosis/1; visibilities: of the effects that are not observable."""
-    verdict = diagnosis.verdict
+    verdict, result = diagnosis.verdict, RunResult(diagnosis.fit, diagnosis)
     return plain({
         'schema': DIAGNOSIS, 'run_id': diagnosis.fit.run.run_id, 'model': diagnosis.model.names,
-        'fit': fit_json(diagnosis.fit), **motions_json(diagnosis.fit.error_motions),
-        'iso_230_7': errors_json(fit_lines(diagnosis.fit, doubt=doubt_of(verdict))),
-        **found_json(diagnosis.with_cause), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
+        'fit': fit_json(diagnosis.fit), **motions_json(result.modelled.motions),
+        'iso_230_7': errors_json(result.modelled.lines()), **result_json(result),
+        'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
         'levels': levels_json(diagnosis.causes),
         'explanations': [{'members': one.members, 'noise': one.noise, 'probability': one.probability}
                          for one in diagnosis.explanations],

@@ -85,10 +85,14 @@ class Table:
             one, values=tuple(one.values[row] for row in rows),
             shown=None if one.shown is None else tuple(one.shown[row] for row in rows)) for one in self.columns))
 
-    def csv(self) -> str:
+    def csv(self, heading: Iterable[tuple[str, Any]] = ()) -> str:
         """Return the table as CSV text; numbers are exact, what is not finite is left empty, and what would control a
-        terminal is a question mark."""
+        terminal is a question mark.
+
+        heading: (key, value) of lines '# key: value' above it."""
         stream = io.StringIO()
+        for key, value in heading:
+            stream.write(f'# {key}: {" ".join(str(_cell(value)).split())}\n')
         writer = csv.writer(stream, lineterminator='\n')
         writer.writerow([column.key for column in self.columns])
         writer.writerows(zip(*(map(_cell, column.values) for column in self.columns), strict=True))

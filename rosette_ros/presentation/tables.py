@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import LadderStep, Summary
+from rosette_ros.analysis import LadderStep, RunResult, Summary
 from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.comparison import DRAWS, Comparison
 from rosette_ros.core.diagnosis.second_run import CheckOutcome, CrossCheck
@@ -28,9 +28,9 @@ from rosette_ros.core.run.records import CURVES, UNLIKELY, ErrorMotions, Floats,
 from rosette_ros.core.sight.visibility import GOOD_SHARE, Visibility
 from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
-from rosette_ros.core.uncertainty.error_summary import fit_lines, peak_to_valley
+from rosette_ros.core.uncertainty.error_summary import AxisError, peak_to_valley
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.error_results import chi_square_text, errors
+from rosette_ros.presentation.error_results import chi_square_text, errors_of
 from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.presentation.table_format import (
     Column,
@@ -40,14 +40,18 @@ from rosette_ros.presentation.table_format import (
     fields_table,
     micrometre_column,
     parameters_json,
+    verdict_json,
     words,
 )
 from rosette_ros.words.effect_words import MEANINGS, decimals, exact, fixed, scale_of, setting_words, title_of
 from rosette_ros.words.result_words import reason_words
+from rosette_ros.words.verdict_words import verdict_text
 
 EXPANDED = f'U: expanded uncertainty (k = {COVERAGE_FACTOR})'
 ABSORBED = ('Sensitivity: share of an effect that is not absorbed by table, plate and CMM deviations, but shows in the '
             'residual.')
+CURVES_SCHEMA = 'rosette-curves/1'
+STANDARD_U = f'columns u_: standard uncertainties (k = 1); U = {COVERAGE_FACTOR} u'
 WORST = 6
 NEGLIGIBLE = 0.05
 """Bias of the curves, µm or µrad per µm rms of an effect, below which plate and CMM deviations absorb it."""
@@ -63,19 +67,54 @@ LEAST_P = 1 / (DRAWS + 1)
 BARS, GAP, MOST_BARS = '▁▂▃▄▅▆▇█', '·', 40
 
 
-def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -> tuple[Table, ...]:
-    """Return every table of a run, in the order of the report; tolerances: of ranges by curve, m and rad."""
+def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None,
+              result: RunResult | None = None) -> tuple[Table, ...]:
+    """Return every table of a run, in the order of the report.
+
+    tolerances: of ranges by curve, m and rad; result: with what is stated for U, None for that of the summary."""
+    result = result or summary.result
     comparison, diagnosis, best = summary.comparison, summary.diagnosis, summary.advice.best if summary.advice else None
-    fit, found = summary.fit, summary.found
-    return (errors(summary.lines(tolerances), found=fit_lines(found) if found else ()),
-            curves(fit.error_motions, text.NOW if found else ''),
-            *([curves(found.error_motions, text.FOUND, 'found_curves')] if found else []), deviations(fit),
+    fit = summary.fit
+    return (*errors_of(result, tolerances), *curves_of(result),
+            deviations(fit, result.modelled.which if result.beside else ''),
             axes(comparison), places(comparison), worst_readings(comparison),
             residuals(fit, summary.final), causes(summary.verdict),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates, summary.run),
-            fitted_effects(summary.final, f'Effects {text.FOUND if found else "in the model"}'),
+            fitted_effects(summary.final, f'Effects {"found" if result.beside else "in the model"}'),
             visibility(summary.visibilities, best.visibilities if best else ()),
             bias(summary.visibilities, summary.run.rotation), *([orders(summary.advice)] if summary.advice else []))
+
+
+def curves_of(result: RunResult) -> tuple[Table, ...]:
+    """Return the six curves of a result and, where the fit as modelled stands beside it, those of this one."""
+    if result.beside is None:
+        return (curves(result.curves.motions),)
+    return tuple(curves(one.motions, one.which, name) for one, name in (
+        (result.curves, 'curves'), (result.beside, 'curves_as_modelled')))
+
+
+def curves_csv(result: RunResult, tolerances: Mapping[str, float] | None = None) -> str:
+    """Return the six curves of a result as CSV; above them in '#' lines the verdict, the model, ranges with U.
+
+    tolerances: of ranges by curve, m and rad."""
+    one, verdict = result.curves, verdict_json(verdict_text(result.verdict) if result.verdict else None)
+    heading: list[tuple[str, Any]] = [
+        ('schema', CURVES_SCHEMA), ('run_id', one.fit.run.run_id), ('result', one.which),
+        ('model', ' + '.join(result.fit.model.names)), *verdict.items(),
+        *([('missing', ', '.join(result.found.missing))] if result.found and result.found.missing else []),
+        ('uncertainties', STANDARD_U)]
+    return curves(one.motions).csv([*heading, *range_rows(one.lines(tolerances))])
+
+
+def range_rows(lines: Iterable[AxisError]) -> list[tuple[str, Any]]:
+    """Return ranges with U, and what is decided about tolerances, as (key, value) of a file."""
+    out: list[tuple[str, Any]] = []
+    for line, (factor, unit) in zip(lines, text.curve_scales(), strict=True):
+        key = f'{line.curve}_{text.file_unit(unit)}'
+        out += [(f'range_{key}', factor * line.range), (f'U_range_{key}', factor * line.expanded)]
+        if line.tolerance is not None:
+            out += [(f'tolerance_{key}', factor * line.tolerance), (f'conformity_{line.curve}', line.conformity)]
+    return out
 
 
 def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Table:
@@ -115,8 +154,10 @@ def _with_u(values: Floats, expanded: Floats, digits: int, alike: bool) -> tuple
                  for value, spread in zip(values, expanded, strict=True))
 
 
-def deviations(fit: Fit) -> Table:
-    """Return ball centre deviations, freed of the clamping, and CMM measurement errors, with U as `curves` has it."""
+def deviations(fit: Fit, which: str = '') -> Table:
+    """Return ball centre deviations, freed of the clamping, and CMM measurement errors, with U as `curves` has it.
+
+    which: of the fit, where there are two."""
     plate = clamped_plate(fit)
     parts = (('plate', 'plate', plate.freed, plate.u_freed), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
     alike = _alike(np.hstack([u for *_, u in parts]))
@@ -131,9 +172,10 @@ def deviations(fit: Fit) -> Table:
                                   footer=(f'±{fixed(float(np.nanmax(expanded)), digits)}',) * alike))
     columns += [column(f'u_{key}_{axis}_um', '', 1e6 * u[:, place])
                 for key, _, _, u in parts for place, axis in enumerate(AXES)]
-    return Table('deviations', f'Ball centre deviations and CMM measurement errors at the probing positions; '
-                 f'{EXPANDED}', tuple(columns), note='Clamping of the plate, which is not in its deviations, with U: '
-                 f'{text.clamping_words(plate.shift, plate.turn, plate.u)}.')
+    clamping = text.clamping_words(plate.shift, plate.turn, plate.u)
+    return Table('deviations', 'Ball centre deviations and CMM measurement errors at the probing positions'
+                 f'{f", {which}" * bool(which)}; {EXPANDED}', tuple(columns),
+                 note=f'Clamping of the plate, which is not in its deviations, with U: {clamping}.')
 
 
 def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str,

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rosette_ros.analysis import curves_over, evaluate_jointly, stated_budget
+from rosette_ros.analysis import RunResult, curves_over, evaluate_jointly
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
@@ -52,10 +52,10 @@ def read_upload(path: Path) -> tuple[Run, Source]:
     return run.replace(source=path.name), replace(source, path=path.name, files=files)
 
 
-def budget_with_touches(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str,
+def budget_with_touches(fit: Fit, source: Source | None, inputs: BudgetInputs | None,
                         found: Diagnosis | None) -> Budget:
-    """Return the Budget of a fit, with the scatter of touches where the log of the run has them; found: in the run."""
-    return stated_budget(fit, inputs, found, doubt, touches_of(source)[0])
+    """Return the budget of the result, with the scatter of touches where the log of the run has them; found: in it."""
+    return RunResult(fit, found, inputs, touches_of(source)[0]).budget_with()
 
 
 def shown_touches(source: Source | None) -> ShownTouches:

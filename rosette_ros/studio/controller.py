@@ -20,7 +20,6 @@ from rosette_ros.core.diagnosis.verdict import not_determinable
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import NotDeterminable, RosetteError, one_line
 from rosette_ros.core.run.records import Run
-from rosette_ros.core.uncertainty.error_summary import refuted
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.presentation.report import report_html
@@ -161,7 +160,7 @@ class Controller:
         stated = read_stated(path, environment)
         inputs = budget_inputs(stated, path or 'budget inputs') if stated else None
         if results.fit and current:
-            await self.ask('budget', budget_with_touches, results.fit, current.source, inputs, refuted(results.verdict),
+            await self.ask('budget', budget_with_touches, results.fit, current.source, inputs,
                            results.summary and results.summary.diagnosis, of=self.session.ticket)
 
     async def read_touches(self) -> None:

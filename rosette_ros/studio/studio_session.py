@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, Known, LadderStep, Summary, Verdict
+from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, Known, LadderStep, RunResult, Summary, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
@@ -55,6 +55,11 @@ class RunResults:
     def verdict(self) -> Verdict | None:
         """The one verdict."""
         return self.summary.verdict if self.summary else self.refusal
+
+    @property
+    def result(self) -> RunResult | None:
+        """The result, which is as modelled until what is missing was looked for."""
+        return self.summary.result if self.summary else RunResult(self.fit) if self.fit else None
 
 
 class Preview(NamedTuple):

@@ -14,7 +14,7 @@ from certificates import DAYS, FULL, KINDS, made, table
 from lxml import etree
 from schematron import Schematron
 
-from rosette_ros.analysis import analyse
+from rosette_ros.analysis import result
 from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.statements import Inputs, release, state
 from rosette_ros.core.run.errors import InvalidData
@@ -112,7 +112,7 @@ def test_texts_are_whole(kind):
 def test_curves_are_those_of_the_run(kind):
     """Equal to the last bit, with U (k = 2); angles in degrees."""
     (path,), _, _ = made(kind)
-    motions, root = analyse(open_run(path)).error_motions, root_of(kind)
+    motions, root = result(open_run(path)).curves.motions, root_of(kind)
     [curves] = root.xpath('//dcc:result[@refType="rosette_curves"]', namespaces=NAMES)
 
     def numbers(key, name):
@@ -183,11 +183,12 @@ def test_verdicts_are_as_decided():
 
 
 def test_nothing_is_decided_where_the_model_fails():
-    """The run that lacks an effect: conditional only, and the reason."""
+    """The run that lacks an effect: no conformity in a word or a field, the reason, and which curves they are."""
     root = root_of('incomplete')
-    assert {*texts(root, '//dcc:conformity')} <= {'conditionalPass', 'conditionalFail'}
-    assert any('neither proven' in words and 'does not fit the readings' in words
-               for words in texts(root, '//dcc:metaData//dcc:content'))
+    declared = texts(root, '//dcc:metaData//dcc:content')
+    assert texts(root, '//dcc:conformity') == [] and not any('Conformity is decided' in words for words in declared)
+    assert any('neither proven' in words and 'the model lacks what was found' in words for words in declared)
+    assert any(words.startswith('all explanations averaged') for words in declared)
     assert any(words.startswith('3 missing') for words in texts(root, '//dcc:declaration/dcc:content'))
 
 

@@ -71,7 +71,7 @@ def test_the_budget_stands_on_the_pages():
     pages = pages_of(to_pdf(certificate, data, 'cert.xml'))
     for one in certificate.budget.contributions:
         assert one.name in ' '.join(pages)
-    assert 'U, which does not contain the scale of the CMM' in pages[0]
+    assert 'Conformity is decided' not in pages[0] and 'nor the scale of the CMM' in ' '.join(pages)
     for row in curves(certificate.sets[0].motions).rows:
         assert ' '.join(row).replace('\n', ' ') in ' '.join(pages)
     for words in ('Uncertainty budget (GUM)', 'combined u', 'U (k = 2)', 'effective dof', 'Not considered:',

@@ -2,7 +2,6 @@
 """rosette evaluate --joint: several runs as one, declared or as they say."""
 
 import csv
-import io
 import json
 from types import SimpleNamespace
 
@@ -93,7 +92,11 @@ def test_four_axis_errors_of_both_senses(rosette, back):
 
 def test_csv_has_all_curves(rosette, back):
     """A row for each angle of each curve."""
-    rows = list(csv.DictReader(io.StringIO(rosette('evaluate', back, '--joint', '--csv').out)))
+    lines = rosette('evaluate', back, '--joint', '--csv').out.splitlines()
+    head = dict(line[2:].split(': ', 1) for line in lines if line.startswith('# '))
+    assert head['level'] and head['verdict'] and 'unknowns' in head['model']
+    assert float(head['U_range_ctx_um of the table clockwise']) > 0
+    rows = list(csv.DictReader(line for line in lines if not line.startswith('#')))
     assert [row['curves'] for row in rows] == [
         name for name in ('table counter-clockwise', 'table clockwise', 'reversal') for _ in range(12)]
     assert float(rows[0]['u_ctx_um']) > 0

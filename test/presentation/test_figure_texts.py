@@ -11,7 +11,6 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.presentation.plots.plot_style import figure
 from rosette_ros.presentation.plots.residual_plots import shapes
 from rosette_ros.presentation.report import pictures_of
-from rosette_ros.presentation.report.run_page import budget_of_summary
 
 pytestmark = pytest.mark.long
 
@@ -31,7 +30,7 @@ def test_faults_are_seen():
 def test_every_text_can_be_read(run):
     """Few balls and many, orders that show effects and one that does not."""
     summary = summary_of(*run)
-    pictures = pictures_of(summary, made=budget_of_summary(summary))
+    pictures = pictures_of(summary)
     assert {name: found for name, made in pictures.items() if (found := faults(made))} == {}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from summaries import summary_of, verification_runs
 
+from rosette_ros.analysis import RunResult
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.core.run.geometry import rigid_motion
 from rosette_ros.presentation.json_output import diagnosis_json, evaluation_json
@@ -35,9 +36,13 @@ def tables(hidden='drift'):
 
 
 def test_curves_are_those_of_the_evaluation():
-    """As modelled now, every digit."""
-    wanted = evaluation_json(summary_of('drift').fit)
-    found = rows(tables()['curves'])
+    """The result and as modelled, every digit."""
+    made = evaluation_json(summary_of('drift').result)
+    for name, wanted in (('curves', made['result']), ('curves_as_modelled', made)):
+        _are_curves(rows(tables()[name]), wanted)
+
+
+def _are_curves(found, wanted):
     assert [float(row['table_angle_deg']) for row in found] == pytest.approx(np.rad2deg(wanted['angle_rad']))
     for curve, unit in CURVES.items():
         short = 'um' if unit == 'm' else 'urad'
@@ -49,7 +54,7 @@ def test_curves_are_those_of_the_evaluation():
 
 def test_deviations_are_those_of_the_evaluation():
     """Plate, freed of its clamping, which is a result of its own, and CMM."""
-    wanted = evaluation_json(summary_of('drift').fit)
+    wanted = evaluation_json(RunResult(summary_of('drift').fit))
     found = rows(tables()['deviations'])
     np.testing.assert_allclose(rigid_motion(np.array(wanted['plate_freed_m']), wanted['radius_m'] * np.stack(
         [np.cos(wanted['angle_rad']), np.sin(wanted['angle_rad']), np.zeros(wanted['n'])], axis=-1)), 0, atol=1e-15)

@@ -77,6 +77,11 @@ class Diagnosis:
         return tuple(dict.fromkeys(one.name for one in self.claimed))
 
     @property
+    def lacks(self) -> bool:
+        """Whether something is missing, with a name or without."""
+        return bool(self.verdict.missing or self.verdict.unnamed)
+
+    @property
     def with_cause(self) -> Fit | None:
         """The Fit with the cause found; None where nothing that has a name is missing."""
         return self.final if self.verdict.missing else None

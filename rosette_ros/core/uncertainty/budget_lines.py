@@ -90,10 +90,21 @@ def hidden_lines(around: Surrounded, u: Floats) -> Iterator[Contribution]:
         yield Contribution(f'hidden: {name}', words.format(100 * around.there[name]), 'B', 'normal, or nothing',
                            stated[name], 'm', np.inf, np.sqrt(around.parts[name]),
                            source_of(around.environment, name), is_hidden=True)
-    more = np.sqrt(np.maximum(u**2 - around.error_motions.u**2, 0))
-    if np.any(more > SEEN * around.error_motions.u):
+    yield from _others(around.fit, u, around.error_motions.u)
+
+
+def explained_lines(fit: Fit) -> Iterator[Contribution]:
+    """Yield a line for what other explanations of the run add to the curves of a fit over them."""
+    if len(fit.explanations) > 1:
+        yield from _others(fit, fit.error_motions.u, fit.weighted_sigma * np.sqrt(fit.joint.curve_cofactor()))
+
+
+def _others(fit: Fit, u: Floats, alone: Floats) -> Iterator[Contribution]:
+    """Yield the line of other explanations; u: over all of them, alone: of that of the fit, (n, 6)."""
+    more = np.sqrt(np.maximum(u**2 - alone**2, 0))
+    if np.any(more > SEEN * alone):
         yield Contribution('other explanations', 'curves with other causes in the model, by their probabilities', 'A',
-                           'mixture', around.fit.sigma, 'm', np.inf, more, 'the diagnosis', is_hidden=True)
+                           'mixture', fit.sigma, 'm', np.inf, more, 'the diagnosis', is_hidden=True)
 
 
 def bound_lines(fit: Fit, inputs: BudgetInputs, hidden: Sequence[Visibility] | None) -> list[Contribution]:

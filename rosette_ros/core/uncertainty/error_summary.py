@@ -20,6 +20,8 @@ from rosette_ros.core.uncertainty.stated_environment import Unseen
 DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where range + U is at most the tolerance, '
                  'does not conform where range − U is more; otherwise neither conformity nor non-conformity can be '
                  'proven (uncertainty range)')
+LACKING = 'the model lacks what was found in the readings; it is stated under a model that has it'
+"""Why no conformity is stated with curves over explanations that the model does not have."""
 SURE = 0.5 + 0.5 * math.erf(COVERAGE_FACTOR / math.sqrt(2))
 """Probability from which on it is decided: that of a normal range at the guard band U, 97.7 %."""
 WHOLE, NO_MEAN, ONE_SENSE = 'whole', 'no mean', 'one sense'
@@ -152,16 +154,25 @@ def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances
 def fit_lines(fit: Fit, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
     """Return the AxisErrors of a Fit, over its explanations; tolerances, doubt: as of error_lines."""
     high, low = extremes(fit.error_motions)
-
-    def u_of(one: Fit) -> Floats:
-        return one.weighted_sigma * np.sqrt(one.joint.difference_cofactor(high, low))
-
     if len(fit.explanations) < 2:
-        return error_lines(fit.error_motions, u_of(fit), tolerances, doubt)
+        return error_lines(fit.error_motions, _u_of_range(fit, high, low), tolerances, doubt)
+    return lines_of(fit.error_motions, explained_ranges(fit, high, low), tolerances, doubt)
+
+
+def explained_ranges(fit: Fit, high: Sequence[int], low: Sequence[int], scale: float = 1.0,
+                     others: Floats | float = 0.0) -> list[Mixture]:
+    """Return the distribution of one point less another of each curve, 0..n-1, over the explanations of a fit.
+
+    scale: of the noise; others: variance beside, (6,)."""
     p, fits = zip(*fit.explanations)
-    return lines_of(fit.error_motions, [Mixture(np.array(p) / sum(p), *map(np.array, some)) for some in zip(
-        np.transpose([one.error_motions.values[high, range(6)] - one.error_motions.values[low, range(6)]
-                      for one in fits]), np.transpose([u_of(one) for one in fits]))], tolerances, doubt)
+    steps = [one.error_motions.values[high, range(6)] - one.error_motions.values[low, range(6)] for one in fits]
+    spreads = [np.sqrt((scale * _u_of_range(one, high, low))**2 + others) for one in fits]
+    return [Mixture(np.array(p) / sum(p), *map(np.array, some)) for some in zip(
+        np.transpose(steps), np.transpose(spreads))]
+
+
+def _u_of_range(fit: Fit, high: Sequence[int], low: Sequence[int]) -> Floats:
+    return np.asarray(fit.weighted_sigma * np.sqrt(fit.joint.difference_cofactor(high, low)))
 
 
 def lines_of(motions: ErrorMotions, spreads: Sequence[Mixture], tolerances: Mapping[str, float] | None = None,

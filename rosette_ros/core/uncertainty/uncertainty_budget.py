@@ -28,9 +28,23 @@ from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.run.touches import LEAST_TOUCHES, centre_factors, usual_directions
 from rosette_ros.core.sight.visibility import Visibility
 from rosette_ros.core.uncertainty.budget_inputs import SECTIONS, BudgetInputs, temperature_course
-from rosette_ros.core.uncertainty.budget_lines import Contribution, bound_lines, frame_lines, hidden_lines, root_mean
+from rosette_ros.core.uncertainty.budget_lines import (
+    Contribution,
+    bound_lines,
+    explained_lines,
+    frame_lines,
+    hidden_lines,
+    root_mean,
+)
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
-from rosette_ros.core.uncertainty.error_summary import AxisError, error_lines, extremes, fit_lines, lines_of
+from rosette_ros.core.uncertainty.error_summary import (
+    AxisError,
+    error_lines,
+    explained_ranges,
+    extremes,
+    fit_lines,
+    lines_of,
+)
 from rosette_ros.core.uncertainty.form_field import form_basis, standard_height
 from rosette_ros.core.uncertainty.hidden_effects import CLAIMED, MOST_BALLS, Surrounded, surrounded
 from rosette_ros.core.uncertainty.mixture import Mixture, total
@@ -116,6 +130,9 @@ class Budget:
         high, low = extremes(motions)
         others = sum(((one.u[high, curve] + one.u[low, curve])**2 for one in self.contributions
                       if not (one.is_noise or one.is_bound or one.is_hidden)), np.zeros(6))
+        if not self.explained and len(self.fit.explanations) > 1:
+            scale = self.sigma / (self.fit.weighted_sigma or 1.0)
+            return lines_of(motions, explained_ranges(self.fit, high, low, scale, others), tolerances, doubt)
         if not self.explained:
             square = self.sigma**2 * self.fit.joint.difference_cofactor(high, low) + others
             return error_lines(motions, np.sqrt(square), tolerances, doubt)
@@ -203,7 +220,8 @@ def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | N
         lines.append(Contribution(CLAIMED, f'U of {names}, with all covariances', 'A', 'normal',
                                   sigma, 'm', dof, u, 'the fit', is_noise=True))
     lines += [one.line for one in displaced]
-    lines += [*frame_lines(fit, inputs), *(hidden_lines(around, _explained(explained)[1]) if around else ()),
+    lines += [*frame_lines(fit, inputs), *(
+        hidden_lines(around, _explained(explained)[1]) if around else explained_lines(fit)),
               *bound_lines(fit, inputs, hidden)]
     return Budget(fit, inputs, tuple(lines), tuple(_open(fit, inputs, touch, hidden, doubt)), sigma, dof, touch, share,
                   around, tuple(explained))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from rosette_ros.analysis import Summary, stated_budget
+from rosette_ros.analysis import RunResult, Summary
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
@@ -18,15 +18,13 @@ from rosette_ros.core.run.reduced_sets import relative_uncertainty
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
-from rosette_ros.core.uncertainty.error_summary import difference, doubt_of, fit_lines, refuted
+from rosette_ros.core.uncertainty.error_summary import difference
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
-from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.reading_checks import known_temperatures, remark_on_temperature
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, budget_tables
-from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer
 from rosette_ros.presentation.plots import comparison_plots, plan_plots, residual_plots, touch_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals
@@ -34,7 +32,7 @@ from rosette_ros.presentation.plots.result_plots import Series, deviations, pola
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
 from rosette_ros.presentation.table_format import Table
-from rosette_ros.presentation.tables import base_name, curves, tables_of, weak_effects
+from rosette_ros.presentation.tables import base_name, tables_of, weak_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.budget_words import not_considered
@@ -49,8 +47,10 @@ COLUMNS = {'causes': ('probability', 'does', 'rms_after_um', 'check'),  # the se
            'spheres': ('ball', 'readings', 'radius_mm', 'form_um', 'largest_form_um', 'systematic_um', 'p', 'moved_um'),
            'visibility': ('title', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
                           'recommended_order_visible_fraction', 'recommended_order_detectable_rms_um', 'remark'),
-           'errors': ('error', 'range_in_unit', 'U_range_in_unit', 'found_range_in_unit', 'U_found_range_in_unit',
-                      'once_per_turn_in_unit', 'residual_in_unit', 'tolerance_in_unit', 'conformity'),
+           'errors': ('error', 'range_in_unit', 'U_range_in_unit', 'once_per_turn_in_unit', 'residual_in_unit',
+                      'tolerance_in_unit', 'conformity'),
+           'errors_as_modelled': ('error', 'range_in_unit', 'U_range_in_unit', 'once_per_turn_in_unit',
+                                  'residual_in_unit'),
            'weak': ('title', 'typical_visible_fraction', 'detectable_rms_um', 'recommended_order_visible_fraction')}
 """Columns on the page of tables that are wider than paper; the others are in the files of `--tables`."""
 METHOD = 'Three-rosette method (Kniel et al., Measurement 2019)'
@@ -65,26 +65,26 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     pictures: of `pictures_of`, where they are drawn already; inputs: of the uncertainty budget; annexed: whether the
     annex with all other figures and tables is added, on paper, too."""
     refit, untouched = touches_of(source)
-    made = budget_of_summary(summary, refit, inputs)
-    pictures = pictures or pictures_of(summary, overlays, refit, made, annexed, source)
+    result = result_of(summary, refit, inputs)
+    pictures, made = pictures or pictures_of(summary, overlays, result, annexed, source), result.budget
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, verdict=verdict_text(summary.verdict), source=source, iso=text.iso_range(run.rotation),
         headline=HEADLINES[summary.verdict.outcome], command=command,
         compared=comparison_words(summary.comparison), pictures=inline_svgs(pictures), k=COVERAGE_FACTOR,
         advised=advice_words(summary.advice) if summary.advice else '',
-        changed=summary.found is not None, now=text.NOW, found=text.FOUND, cross_validation=text.CROSS_VALIDATION,
-        tables=shown_tables(summary, identity, refit, made), budget=made,
+        result=result, cross_validation=text.CROSS_VALIDATION,
+        tables=shown_tables(summary, identity, result), budget=made,
         not_considered=not_considered(made) if made else (), spheres=sphere_rows(refit) if refit else (),
         identity=identity_rows(identity, source.contradictions if source else ()), signer=signer(identity),
         measured=conditions(summary, source), unknown=[
-            *unknowns(summary, made), *untouched, *([] if identity.entries else [NOTHING])],
+            *unknowns(summary, result), *untouched, *([] if identity.entries else [NOTHING])],
         judged=text.model_words(summary.model), simulated=SIMULATED * run.simulated,
         running=f'{run.run_id or run.source}{" (SIMULATED)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
         annexed=annexed, most_balls=MOST_BALLS,
         heading_fit='Where the model fails' if summary.verdict.model_fails else 'How well the model fits',
-        elsewhere=[one.label for one in overlays if difference(one.motions, summary.fit.error_motions) is None],
+        elsewhere=[one.label for one in overlays if difference(one.motions, result.curves.motions) is None],
         others=[one.name for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
 
@@ -97,26 +97,24 @@ def touches_of(source: Source | None) -> tuple[SphereRefit | None, list[str]]:
     return found, [NO_TOUCHES] if source and not found else []
 
 
-def budget_of_summary(summary: Summary, refit: SphereRefit | None = None,
-              inputs: BudgetInputs | None = None) -> Budget | None:
-    """Return the uncertainty budget as modelled now; None where the plate is too large, or there are no curves."""
-    fit = summary.fit
-    if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
-        return None
-    return stated_budget(fit, inputs, summary.diagnosis, refuted(summary.verdict), refit)
+def result_of(summary: Summary, refit: SphereRefit | None = None, inputs: BudgetInputs | None = None) -> RunResult:
+    """Return the result of a run; refit, inputs: as of RunResult, which count where there is a budget."""
+    result = RunResult(summary.fit, summary.diagnosis, None, refit)
+    return result if result.budget is None else RunResult(summary.fit, summary.diagnosis, inputs, refit)
 
 
-def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
-                made: Budget | None = None, annexed: bool = True, source: Source | None = None) -> dict[str, Figure]:
+def pictures_of(summary: Summary, overlays: Sequence[Series] = (), result: RunResult | None = None,
+                annexed: bool = True, source: Source | None = None) -> dict[str, Figure]:
     """Return every figure of a summary by name, in the order of the page; their captions are in the template.
 
-    refit: the spheres fitted to the touches, where there are any; made: the uncertainty budget, likewise; annexed: with
-    those of the annex; source: of the run, with which the way is shown of one that was measured until it is known.
+    result: of `result_of`, None for that of the summary; annexed: with those of the annex; source: of the run, with
+    which the way is shown of one that was measured until it is known.
     """
-    run, fits = summary.run, fits_of(summary)
+    run, result = summary.run, result or summary.result
+    fits, made, refit, main = fits_of(summary, result), result.budget, result.refit, result.curves.motions
     rows = [Residuals(label, run, fit.residual) for label, fit in fits]
-    now = made.error_motions if made and made.inputs.is_stated else summary.fit.error_motions
-    series = [*(Series(label, fit.error_motions) for label, fit in fits[1:]), Series(fits[0][0], now), *overlays]
+    every = [result.curves, *([result.beside] if result.beside else [])]
+    series = [*(Series(label, one.motions) for (label, _), one in zip(reversed(fits), every)), *overlays]
     pages = {'curves': six_curves(series), 'residual_maps': residual_plots.residual_maps(rows)}
     if source and (steps := way_of(run, summary.model, source)):
         pages['way'] = plan_plots.way_to_the_cause(steps, source.until)
@@ -124,8 +122,8 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
         return pages
     found = summary.diagnosis.candidates[:MOST_CANDIDATES]
     return pages | {
-        'polar': polar_motions(now),
-        **({'differences': six_curves(less)} if (less := _differences(now, overlays)) else {}),
+        'polar': polar_motions(main),
+        **({'differences': six_curves(less)} if (less := _differences(main, overlays)) else {}),
         **({'budget': comparison_plots.budget_bars(made)} if made else {}),
         'deviations': deviations(summary.fit.plate, summary.fit.cmm, run.radius),
         'residuals_against': residual_plots.against(rows, run.repeatability),
@@ -158,10 +156,9 @@ def _point(run: Run) -> Point:
     return 'this run', run.size / run.n**2, relative_uncertainty(variance, run.radius)
 
 
-def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None = None,
-                 made: Budget | None = None) -> dict[str, Table]:
+def shown_tables(summary: Summary, identity: Identity, result: RunResult) -> dict[str, Table]:
     """Return every table by name as it stands on the page: no wider than paper; identity: with tolerances."""
-    tables = {table.name: table for table in every_table(summary, identity, refit, made)}
+    tables = {table.name: table for table in every_table(summary, identity, result)}
     tables['weak'] = weak_effects(tables['visibility'], MOST_WEAK)
     for name in tables.keys() & COLUMNS:
         tables[name] = tables[name].select(*COLUMNS[name])
@@ -173,24 +170,18 @@ def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None
     return tables
 
 
-def every_table(summary: Summary, identity: Identity, refit: SphereRefit | None = None,
-                made: Budget | None = None) -> tuple[Table, ...]:
+def every_table(summary: Summary, identity: Identity, result: RunResult) -> tuple[Table, ...]:
     """Return every table of a run; where inputs of the budget are stated, errors and curves have its U."""
-    limits = identity.limits(summary.run.rotation)
-    tables = {table.name: table for table in tables_of(summary, limits)}
-    if made and made.inputs.is_stated:
-        lines, found = made.lines(limits, doubt_of(summary.verdict)), summary.found
-        tables |= {table.name: table for table in (
-            errors(lines, found=fit_lines(found) if found else ()),
-            curves(made.error_motions, text.NOW if found else ''))}
-    return (*tables.values(), *([sphere_table(refit)] if refit else []), *(budget_tables(made) if made else ()))
+    made, refit = result.budget, result.refit
+    return (*tables_of(summary, identity.limits(summary.run.rotation), result),
+            *([sphere_table(refit)] if refit else []), *(budget_tables(made) if made else ()))
 
 
-def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
+def unknowns(summary: Summary, result: RunResult) -> list[str]:
     """Return what the results of a run do not tell, in sentences."""
-    run, every = summary.run, summary.visibilities
+    run, every, made = summary.run, summary.visibilities, result.budget
     reasons = [f'{title_of(one.name)} ({one.reason})' for one in every if one.reason]
-    what = ('what the uncertainty budget lists' if made and made.inputs.is_stated else
+    what = ('what the uncertainty budget lists' if result.curves.budget else
             'the scatter of the readings and the uncertainty of the effects in the model')
     beyond = beyond_words(made.inputs.environment if made else None)
     return list(filter(None, (
@@ -202,11 +193,11 @@ def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
         f'U contains {what}; it does not contain effects that are not in the model{beyond}.')))
 
 
-def fits_of(summary: Summary) -> list[tuple[str, Fit]]:
-    """Return the fit of the model as it is, and that with the cause found where one is missing, with their names."""
-    if summary.found is None:
+def fits_of(summary: Summary, result: RunResult) -> list[tuple[str, Fit]]:
+    """Return the fit of the model as it is, and that of the result where it is another, with their names."""
+    if result.beside is None:
         return [(base_name(summary.model) if not summary.model.terms else 'model as given', summary.fit)]
-    return [(text.NOW, summary.fit), (text.FOUND, summary.found)]
+    return [(one.which, one.fit) for one in (result.beside, result.curves)]
 
 
 def _visibility(summary: Summary) -> Figure:
@@ -219,7 +210,7 @@ def _visibility(summary: Summary) -> Figure:
 
 def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str, str]]:
     """Return what was measured, when and how, as (name, text) rows."""
-    run, fit = summary.run, summary.fit
+    run, fit, found = summary.run, summary.fit, summary.result.curves.fit
     rows = [('Run', run.run_id or run.source), ('Method', METHOD),
             ('Measured by', 'a simulated CMM' if run.simulated else
              'a CMM; nothing in the data says that it is simulated'),
@@ -232,8 +223,8 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
             ('Table angles', text.angle_words(run)),
-            ('Uncertainties', text.uncertainty_words(fit)), ('Model', text.model_words(fit.model)),
-            ('Model found', text.model_words(summary.found.model) if summary.found else ''),
+            ('Uncertainties', text.uncertainty_words(found)), ('Model', text.model_words(fit.model)),
+            ('Model found', text.model_words(found.model) if found is not fit else ''),
             *(('Data', f'{Path(file.path).name}, SHA-256 {file.sha256[:16]}…')
               for file in (source.files if source else ())),
             ('Software', ', '.join(f'{name} {version}' for name, version in software()[:2]))]

@@ -5,14 +5,12 @@ from collections.abc import Callable
 
 from nicegui import ui
 
-from rosette_ros.analysis import Change
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.analysis import Change, RunResult, Which
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.errors import RosetteError
-from rosette_ros.core.uncertainty.error_summary import doubt_of, fit_lines
+from rosette_ros.core.uncertainty.error_summary import fit_lines
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.error_results import change_errors, curve_changes, errors
-from rosette_ros.presentation.formatting import FOUND, NOW
+from rosette_ros.presentation.error_results import change_errors, curve_changes, errors, errors_of
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.presentation.plots.result_plots import deviations, polar_motions
@@ -25,6 +23,7 @@ from rosette_ros.studio.studio_session import OpenedRun, Preview
 from rosette_ros.words.effect_words import words_of
 
 PREVIEWED = 'with preview'
+NOW = str(Which.MODELLED)
 WIDTH = 720
 """Least width of figures with three panels side by side, px."""
 
@@ -96,22 +95,24 @@ class FiguresPanel:
 
     def _draw(self) -> None:
         fit, preview = self._controller.session.results.fit, self._controller.session.preview
-        if fit is None:
+        result = self._controller.session.results.result
+        if fit is None or result is None:
             return
         after, shown = preview.change.after if preview else None, self._shown or fit
         self._whose.set_text(f'{PREVIEWED}: {preview.name}' if preview and shown is after else NOW)
-        results = self._controller.session.results
-        found = results.summary.found if results.summary and after is None else None
-        self._errors.show(_show_errors, shown, results.verdict if shown is fit else None, self._run, found)
+        self._errors.show(_show_errors, shown, result if shown is fit else None, self._run)
         self._identity.show(_show_identity, self._run)
-        other, name = (found, FOUND) if after is None else (after, PREVIEWED)
-        curves = [figures.Curves(NOW, fit.error_motions, AFTER if other is None else BEFORE)]
-        if other is not None:
-            curves.append(figures.Curves(name, other.error_motions, AFTER, 'dot'))
+        main = result.curves if after is None else result.modelled
+        if after is not None:
+            curves = [figures.Curves(NOW, main.motions, BEFORE),
+                      figures.Curves(PREVIEWED, after.error_motions, AFTER, 'dot')]
+        else:
+            curves = [figures.Curves(main.which, main.motions, AFTER)]
+            curves += [figures.Curves(one.which, one.motions, BEFORE, 'dot') for one in [result.beside] if one]
         chosen, run = self._chosen(shown), shown.run
         angle = None if chosen is None else float(run.table_angle[chosen] + run.table_offset)
-        self._curves.draw((fit, other, angle), figures.curves_figure, curves, angle)
-        self._polar.draw((shown,), polar_motions, shown.error_motions)
+        self._curves.draw((main.fit, after, angle), figures.curves_figure, curves, angle)
+        self._polar.draw((shown, main.fit), polar_motions, main.motions if shown is fit else shown.error_motions)
         self._plate.draw((shown,), deviations, shown.plate, shown.cmm, run.radius)
         self._maps.draw((shown, fit, chosen), figures.maps_figure, shown, fit, chosen)
         self._times.draw((shown, after, chosen), figures.time_figure, shown,
@@ -158,15 +159,19 @@ def preview_words(change: Change) -> str:
     return f'{judged}: {errors}.'
 
 
-def _show_errors(fit: Fit, verdict: Verdict | None, opened: OpenedRun | None, cause_found: Fit | None) -> None:
+def _show_errors(fit: Fit, result: RunResult | None, opened: OpenedRun | None) -> None:
+    """Show the errors of a result, or those of the fit of a preview."""
     limits, words = dict[str, float](), ''
     try:
         limits = _source(opened).identity.limits(fit.run.rotation)
     except RosetteError as error:
         words = f'{error}. '
-    found = errors(fit_lines(fit, limits, doubt_of(verdict)), found=fit_lines(cause_found) if cause_found else ())
-    plain_table(found)
-    ui.label(f'{words}{found.note}').classes('soft')
+    every = errors_of(result, limits) if result else (errors(fit_lines(fit, limits)),)
+    for one in every:
+        if len(every) > 1:
+            ui.label(one.title).classes('soft')
+        plain_table(one)
+    ui.label(f'{words}{every[0].note}').classes('soft')
 
 
 def _show_reading(fit: Fit, chosen: int | None) -> None:
