@@ -42,8 +42,8 @@ def events_table(events: Sequence[Event], dates: Dates, runs: Sequence[str],
         words('exchanged', 'serial number', ['; '.join(f'{device}: {old or "-"} → {new or "-"}'
                                                        for device, (old, new) in one.items()) for one in exchanged]),
         words('by', 'by (new − old)', [_told(event) for event in events])),
-        note='Size in units of its expanded uncertainty U (k = 2), with its value where it is one number; that scatter '
-             'alone shows a change has a probability of at most 0.2 %, counting all quantities and runs.'
+        note='With U (k = 2); of a wave the change of its amplitude and phase together, of a place how far it moved. '
+             'That scatter alone shows a change has a probability of at most 0.2 %, counting all quantities and runs.'
         if events else '')
 
 
@@ -68,14 +68,12 @@ def too_few_words(runs: Mapping[str, int]) -> list[str]:
 
 
 def size_words(step: Shift) -> str:
-    """Return the size of a step in units of its U, with sign and U in brackets where the quantity has one number."""
-    words_of_u = f'{step.strength / COVERAGE_FACTOR:.1f} U'
-    if step.size.size > 1:
-        return words_of_u
-    factor, unit = scale_of(step.series.unit)
-    expanded = COVERAGE_FACTOR * factor * float(step.u[0])
+    """Return the size of a step with its U: with its sign where the quantity is one number, else its length."""
+    (factor, unit), (size, u) = scale_of(step.series.unit), step.amount
+    expanded = COVERAGE_FACTOR * factor * u
     places = decimals(expanded)
-    return f'{words_of_u} ({text.signed(factor * float(step.size[0]), places)} ± {fixed(expanded, places)} {unit})'
+    said = text.signed(factor * size, places) if step.size.size == 1 else fixed(factor * size, places)
+    return f'{said} ± {fixed(expanded, places)} {unit}'.rstrip()
 
 
 def slope_words(one: Forecast, curve: str) -> str:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A verdict, and the noise of a run, in words: every interface prints these as they stand."""
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from math import hypot, isnan
@@ -19,6 +20,7 @@ from rosette_ros.core.model.noise import Group
 from rosette_ros.core.run.number_words import SCALES, micrometres, multiple, p_words, significant
 from rosette_ros.core.run.records import SI_UNITS
 from rosette_ros.core.run.remarks import RemarkKind
+from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Unseen
 from rosette_ros.words.effect_words import (
     MEANINGS,
@@ -455,7 +457,8 @@ def chance(probability: float) -> str:
 
 
 def does_words(one: MissingEffect) -> str:
-    """Return what it does: 'ball 11 moves by 1.92 µm in x between 37.4 and 49.7 min'; a base term: its meaning."""
+    """Return what it does: 'ball 11 moves by 1.92 ± 0.05 µm in x between 37.4 and 49.7 min'; a base term: its meaning.
+    """
     effect = MEANINGS.get(one.name)
     if not isinstance(effect, PhysicalEffect):
         return effect.meaning if effect else ''
@@ -470,22 +473,28 @@ def does_words(one: MissingEffect) -> str:
 
 
 def _sizes(parameters: 'Sequence[Parameter]') -> str:
-    """Return the sizes of amplitudes, those along one axis and of one unit together: '2.5 µm/h in x, 1.5 µm/h in z'."""
+    """Return the sizes of amplitudes with U (k = 2), those along one axis and of one unit together, as their length:
+    '2.5 ± 0.3 µm/h in x, 1.5 ± 0.3 µm/h in z'; what is no larger than its U is not determined."""
     groups: dict[tuple[str, str], list[Parameter]] = {}
     for one in parameters:
         axis = one.name[-1] if one.name[-2:] in ('_x', '_y', '_z') else ''
         groups.setdefault((one.unit, axis), []).append(one)
     found = []
     for (unit, axis), some in groups.items():
-        value = some[0].value if len(some) == 1 else sum(one.value**2 for one in some)**0.5
-        found.append((abs(value) / max(one.u for one in some), value, max(one.u for one in some), unit, axis))
+        length = sum(one.value**2 for one in some)**0.5
+        u = sum((one.value / length * one.u)**2 for one in some)**0.5 if length else max(one.u for one in some)
+        found.append((length / u if u else math.inf, some[0].value if len(some) == 1 else length, u, unit, axis))
     found.sort(key=lambda each: -each[0])
     said = [each for each in found[:MOST_SIZES] if each[0] > SIGNIFICANT] or found[:1]
     out = []
-    for _, value, u, unit, axis in sorted(said, key=lambda each: (each[3], each[4])):
+    for ratio, value, u, unit, axis in sorted(said, key=lambda each: (each[3], each[4])):
         scale = scale_of(unit)
-        out.append(f'{fixed(scale.factor * value, decimals(2 * scale.factor * u, 1))} {scale.unit}'.rstrip()
-                   + (f' {"about" if unit.startswith("rad") else "in"} {axis}' if axis else ''))
+        expanded = COVERAGE_FACTOR * scale.factor * u
+        places, is_known = decimals(expanded), ratio > SIGNIFICANT
+        size = (f'{fixed(scale.factor * value, places)} ± {fixed(expanded, places)} {scale.unit}'.rstrip() if is_known
+                else f'an amount that is not determined (U = {fixed(expanded, places)} {scale.unit})'
+                if math.isfinite(expanded) else 'an amount that is not determined')
+        out.append(size + (f' {"about" if unit.startswith("rad") else "in"} {axis}' if axis and is_known else ''))
     return ', '.join(out)
 
 

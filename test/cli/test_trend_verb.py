@@ -187,7 +187,14 @@ def test_a_scale_of_the_cmm_is_no_other_plate():
     assert (event.run, event.owners, [step.series.name for step in event.steps]) == (
         8, ('size',), ['size of the plate, or scale of the CMM'])
     table = events_table([event], [START] * 14, ['run'] * 14, [{}])
-    assert ' U (+' in table.csv() and ' µm)' in table.csv(), 'one number has a value and a sign'
+    assert re.search(r'size of the plate, or scale of the CMM \+0\.\d+ ± 0\.0\d+ µm', table.csv())
+
+
+def test_a_wave_has_its_size_in_micrometres_with_u():
+    """A wave of 3 per turn with an amplitude of 0.8 µm, which is there from a day on."""
+    [event] = history_from(lambda day: plate(8, table=wave('ctz', 3, 0.8) if day >= 56 else {}), 14).events()
+    assert re.search(r'ctz, 3 per turn 0\.[78]\d* ± 0\.\d+ µm', events_table(
+        [event], [START] * 14, ['run'] * 14, [{}]).csv())
 
 
 def test_a_table_whose_zero_moves_is_a_change_of_the_table():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdicts in words, from facts alone."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -165,7 +166,16 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     assert text.limits == ('This run cannot distinguish slip of one ball from loose ball (5 %).',
                            'This run could not have shown backlash of the table.')
     assert does_words(slip()) == (
-        'ball 11 moves by 1.90 µm in x, 0.40 µm in z between readings 69 and 74 (37.4 to 49.7 min, 97 %)')
+        'ball 11 moves by 1.900 ± 0.020 µm in x, 0.400 ± 0.020 µm in z between readings 69 and 74 (37.4 to 49.7 min, '
+        '97 %)')
+
+
+def test_a_size_that_is_not_determined_is_said_as_that():
+    """No larger than its U: no number that one could take for it."""
+    vague = replace(slip(), parameters=(Parameter('dx', 2.1e-5, 3e-5, 'm'),))
+    assert does_words(vague).startswith('ball 11 moves by an amount that is not determined (U = 60 µm) between')
+    unknown = replace(slip(), parameters=(Parameter('dx', 2.1e-5, math.inf, 'm'),))
+    assert does_words(unknown).startswith('ball 11 moves by an amount that is not determined between')
     assert minutes_words(60.0, 61.0) == '1 to 1.017 min'
     assert (chance(0.9999), chance(1e-5)) == ('99 %', '1 %')
 

@@ -79,6 +79,14 @@ class Shift:
         """Norm of the step in its standard uncertainties."""
         return float(np.sqrt(np.sum((self.size / self.u) ** 2)))
 
+    @property
+    def amount(self) -> tuple[float, float]:
+        """How large it is, SI, with its standard uncertainty: a number with its sign, of several their length."""
+        if self.size.size == 1:
+            return float(self.size[0]), float(self.u[0])
+        length = float(np.linalg.norm(self.size))
+        return length, float(np.linalg.norm(self.size / length * self.u)) if length else float(self.u.max())
+
 
 @dataclass(frozen=True)
 class Event:
