@@ -18,6 +18,7 @@ from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import (
+    MOST_BALLS_JUDGED,
     Diagnosis,
     diagnose,
     find,
@@ -50,8 +51,6 @@ from rosette_ros.core.uncertainty.stated_environment import Environment
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
 """Parts of a summary in the order in which they are calculated."""
-MOST_BALLS_JUDGED = 36
-"""Larger plates are judged and diagnosed on request only: it takes seconds to minutes."""
 MOST_BALLS_ADVISED = 24
 """On larger plates the orders are compared on request only: it would take longer than all the rest."""
 

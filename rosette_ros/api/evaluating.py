@@ -188,7 +188,7 @@ class JointEvaluation(Result):
 
     def tables(self) -> tuple[Table, ...]:
         return (*joint_results.joint_errors(self.result, self.tolerances), joint_results.sharing_table(self.result),
-                *joint_results.joint_curves(self.result))
+                *joint_results.joint_effects(self.result), *joint_results.joint_curves(self.result))
 
 
 def evaluate(runs: Runs, model: ModelLike = None, *, inputs: Stated = None, environment: str | None = None,

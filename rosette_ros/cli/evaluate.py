@@ -155,7 +155,7 @@ def show_joint(options: Namespace, made: JointEvaluation) -> None:
             out.print(escape(note_words(note)), soft_wrap=True)
         print_verdict(out, conclusion_text(conclude(result)))
         print_parts(out, [*results.joint_errors(result, made.tolerances), *four_axis_table(made.spheres),
-                          results.sharing_table(result),
+                          results.sharing_table(result), *results.joint_effects(result),
                           *results.joint_curves(result),
                           pairs((name, escape(words)) for name, words in results.joint_rows(result))])
 

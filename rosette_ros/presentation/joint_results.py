@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.joint.conclusion import conclude, fits
-from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
+from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import ITEMS, PARTS
+from rosette_ros.core.joint.sharing_tests import SharingTest
 from rosette_ros.core.run.number_words import UNKNOWN, micrometres, p_value, p_words
 from rosette_ros.core.run.records import CURVES, ErrorMotions
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
@@ -20,9 +21,9 @@ from rosette_ros.core.uncertainty.error_summary import doubt_of
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import environment_words, stated_json
 from rosette_ros.presentation.error_results import TITLE, errors, errors_json
-from rosette_ros.presentation.json_output import Json, by_curve, motions_json, plain
+from rosette_ros.presentation.json_output import Json, by_curve, motions_json, parameters_json, plain
 from rosette_ros.presentation.table_format import STANDARD, Table, column, micrometre_column, words
-from rosette_ros.presentation.tables import CURVES_SCHEMA, EXPANDED, STANDARD_U, curves, range_rows
+from rosette_ros.presentation.tables import CURVES_SCHEMA, EXPANDED, STANDARD_U, curves, effects, range_rows
 from rosette_ros.words.effect_words import decimals, exact, fixed, names, scale_of
 from rosette_ros.words.joint_words import note_words, part_words
 from rosette_ros.words.result_words import conclusion_text
@@ -93,6 +94,17 @@ def positioning(one: Reversal) -> Table:
         column(f'value_{text.file_unit(unit)}', 'crz', [factor * value for value in known.values()],
                partial(fixed, places=2 + (factor < 1e6)), unit)), note='U of B and of its mean stand with '
         f'the reversal, U of E+ and E- with the range of crz. Not determined: {"; ".join(lacks)}.')
+
+
+def joint_effects(result: JointResult) -> list[Table]:
+    """Return the effects of each run that has any, with the sizes that all runs give."""
+    out = []
+    for place, (run, found) in enumerate(zip(result.solution.model.runs, result.effects, strict=True)):
+        named = [(one.name, one.setting, one.parameters) for one in found if one.parameters]
+        if named:
+            table = effects(named, f'Effects in {run.name}', run.run.time_unit if run.run else 's')
+            out.append(replace(table, name=f'effects{place + 1}'))
+    return out
 
 
 def reversal_means(result: JointResult) -> list[Table]:
@@ -197,13 +209,18 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
     """Return the results, schema rosette-joint-evaluation/1; u holds standard uncertainties, SI units."""
     solution, sharing = result.solution, result.sharing
     model, conclusion = solution.model, conclude(result)
+    noises = [one.noise for one in solution.beside.runs]
     verdict = conclusion_text(conclusion)
     every = joint_lines(result, tolerances, doubt_of(conclusion))
     return plain({
         'schema': JOINT, 'level': verdict.level, 'verdict': verdict.sentence, 'action': verdict.action,
         'runs': [{'run_id': run.run_id, 'source': run.source, 'readings': run.size, 'balls': run.plate.balls,
                   'table_positions': np.unique(run.table_position).size, 'plate_turned_rad': turn,
-                  'shares': {part: getattr(sharing, part)[place] for part in PARTS}}
+                  'shares': {part: getattr(sharing, part)[place] for part in PARTS},
+                  'noise': noises[place].kinds, 'effects': [
+                      {'effect': one.name, 'probability': result.probability(place, one.name), 'setting': one.setting,
+                       'rms_m': one.rms, 'parameters': parameters_json(one.parameters)}
+                      for one in result.effects[place]]}
                  for place, (run, turn) in enumerate(zip(model.runs, sharing.turn, strict=True))],
         'seat': sharing.seat, 'by_sense': sharing.by_sense, 'cmm_is_calibrated': sharing.cmm_is_calibrated,
         'tests': [{'item': test.item, 'declared': test.item in result.declared, 'dof': test.dof, 'p': test.p,

@@ -6,6 +6,8 @@ from math import pi
 
 from rosette_ros.core.joint.knowledge import MEANS, JointRemark, Part
 from rosette_ros.core.run.remarks import Remark
+from rosette_ros.words.effect_words import names
+from rosette_ros.words.verdict_words import kind_words, titles
 
 
 def part_words(every: Iterable[Remark]) -> tuple[str, ...]:
@@ -83,5 +85,7 @@ _NOTES: Mapping[str, Callable[..., str]] = {
         'too little was measured clockwise, or counter-clockwise, for curves of both senses'),
     JointRemark.NOT_IN_U: lambda run: (
         f'{run}: what its order hides is not in U, as its plate is of no regular pitch'),
+    JointRemark.EFFECTS: lambda run, effects: f'{run}: in its model: {titles(effects)}',
+    JointRemark.NOISE: lambda run, kinds: f'{run}: its noise: {names(map(kind_words, kinds))}',
     JointRemark.TURNED: _turned,
     JointRemark.NO_REVERSAL: _no_reversal}

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.joint.joint_model import JointModel, JointSolution
+from rosette_ros.core.joint.joint_model import JointModel
+from rosette_ros.core.joint.joint_solution import JointSolution
 from rosette_ros.core.joint.knowledge import knowledge
 from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.core.joint.sharing import SEATS, Sharing

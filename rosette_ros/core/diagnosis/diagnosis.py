@@ -39,6 +39,9 @@ from rosette_ros.core.sight.bank import why_not_judged
 from rosette_ros.core.sight.visibility import strongest_first
 from rosette_ros.core.uncertainty.hidden_effects import unseen
 
+MOST_BALLS_JUDGED = 36
+"""Larger plates are judged and diagnosed on request only: it takes seconds to minutes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:

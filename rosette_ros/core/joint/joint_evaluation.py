@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
+from rosette_ros.core.joint.explained_runs import BesideBase, explained_runs, visible_of
+from rosette_ros.core.joint.joint_curves import by_likeliest, choices_of, fitted_effects, over_choices
+from rosette_ros.core.joint.joint_model import JointModel, TableSet
+from rosette_ros.core.joint.joint_solution import JointSolution
 from rosette_ros.core.joint.knowledge import JointRemark, Knowledge, angles_of_one_sense, knowledge, pairs_of_senses
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import ITEMS, Sharing, apart
-from rosette_ros.core.model.least_squares import SigmaSource
+from rosette_ros.core.joint.sharing_tests import SharingTest, sense_tested, tested
+from rosette_ros.core.model.least_squares import HIDDEN_SHARE, FittedEffect, SigmaSource
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Frame
@@ -24,10 +28,6 @@ from rosette_ros.core.uncertainty.hidden_effects import MATTERS, hidden_covarian
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Environment, Unseen
 
 EXACT = 1e9
-CONTRADICTED = 1e-3
-"""Probability below which the data contradict that something is shared: several such tests are made at once."""
-NO_NOISE = 1e-12
-"""Scatter of a coordinate that rounding makes, m: less of it decides nothing."""
 NEAR, NEARLY_ALONG = 1e-3, 5e-3
 """Table frames that differ by less, m and rad, are two findings of one."""
 SAME_PLATE = 0.5
@@ -36,26 +36,6 @@ MOST_READINGS = 1000
 """Of more readings the covariance of what may be there would take minutes."""
 LEAST_DISTANCES = 6
 """Distances, those of four balls, that two runs have in common at least after a turn that is looked at."""
-
-
-@dataclass(frozen=True)
-class SharingTest:
-    """Whether the data allow that something is shared: F of the readings with and without it.
-
-    item: of Sharing.items, or 'sense': that both senses of turning have the same curves; dof: of the difference; p:
-    chance of as large an F where it holds, None where the data cannot tell; is_used: whether it is in the model.
-    """
-
-    item: str
-    f: float
-    dof: int
-    p: float | None
-    is_used: bool
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether the data contradict it."""
-        return self.p is not None and self.p < CONTRADICTED
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,17 +117,41 @@ class JointResult:
             covariance = np.zeros((3 * readings.size, 3 * readings.size))
             if (run := readings.run) is not None:
                 look = partial(self.solution.look, place, run.table_offset)
+                claimed = {one.name for one in self.solution.beside.hypotheses[place].effects}
                 covariance, rows = hidden_covariance(
-                    run, self.environment or LABORATORY, self.rms or 1.0, self.solution.dof, look)
+                    run, self.environment or LABORATORY, self.rms or 1.0, self.solution.dof, look, claimed)
                 for name, some in rows.items():
                     factors.setdefault(name, []).append((place, some))
             every.append(covariance / (self.sigma or 1.0)**2)
-        return JointSolution(self.solution.model, every), factors
+        return JointSolution(self.solution.model, self.solution.beside, every), factors
 
     @property
-    def _stated(self) -> JointSolution:
-        """The solution whose curves are shown."""
-        return self.solution if self.environment is None else self._around[0]
+    def weighted_sigma(self) -> float:
+        """Sigma with what is lost as weights are estimated, m: what the mix is multiplied by."""
+        lost = self.solution.beside.loss(1 - self.solution.dof / (3 * self.solution.model.size))
+        return self.sigma * float(np.sqrt(lost))
+
+    @cached_property
+    def _stated(self) -> tuple[Floats, Floats]:
+        """The curves that are shown, (c,), m, and their mix, over all that may explain the runs."""
+        solution = self.solution if self.environment is None else self._around[0]
+        return over_choices(solution, self.weighted_sigma)
+
+    @cached_property
+    def effects(self) -> tuple[tuple[FittedEffect, ...], ...]:
+        """The effects of each run, by the likeliest choice, with the parameters that all runs give."""
+        return fitted_effects(self.solution, self.weighted_sigma)
+
+    @cached_property
+    def choices(self) -> Mapping[tuple[int, ...], float]:
+        """The probabilities of what may explain the runs together: of each run the number of its hypothesis."""
+        return choices_of(self.solution, self.weighted_sigma)
+
+    def probability(self, place: int, name: str) -> float:
+        """Return the probability that an effect is in the run at a place."""
+        hypotheses = self.solution.beside.runs[place].hypotheses
+        return min(float(sum(p for choice, p in self.choices.items()
+                             if any(one.name == name for one in hypotheses[choice[place]].effects))), 1.0)
 
     @cached_property
     def unseen(self) -> Unseen | None:
@@ -155,7 +159,8 @@ class JointResult:
         if self.solution.model.size > MOST_READINGS:
             return None
         whole, factors = self._around
-        alone, u = (self.sigma * np.linalg.norm(one.mix_of_curves, axis=1) for one in (self.solution, whole))
+        alone, u = (self.weighted_sigma * np.linalg.norm(over_choices(one, self.weighted_sigma)[1], axis=1)
+                    for one in (self.solution, whole))
         growth = np.divide(u, alone, out=np.ones(u.shape), where=alone > 0)
         at = int(growth.argmax())
         if self.environment is None and growth[at] < MATTERS:
@@ -188,18 +193,18 @@ class JointResult:
         """Return the names in the sharing, the deviations and their uncertainties, m, (k, 3), of 'plate' or 'cmm'."""
         model, place = self.solution.model, self.solution.model.groups[part]
         names = list(dict.fromkeys(getattr(self.sharing, part)))
-        u = self.sigma * np.linalg.norm(self.solution.mix[place], axis=1)
+        u = self.weighted_sigma * np.linalg.norm(self.solution.mix[place], axis=1)
         return ([names[row[0]] for row in model.places[part].tolist()], self.solution.unknowns[place].reshape(-1, 3),
                 u.reshape(-1, 3))
 
     def of_set(self, one: TableSet) -> tuple[Floats, Floats]:
         """Return the curves of a set, (m, 6), m, and the mix whose squares are their variances, (m, 6, k)."""
-        mix = self._stated.mix_of_curves[one.place]
-        return self._stated.curves[one.place].reshape(-1, 6), mix.reshape(one.angle.size, 6, -1)
+        curves, mix = (part[one.place] for part in self._stated)
+        return curves.reshape(-1, 6), mix.reshape(one.angle.size, 6, -1)
 
     def _motions(self, angle: Floats, values: Floats, mix: Floats) -> ErrorMotions:
         scale = np.array([1, 1, 1, *[1 / self.solution.model.lever] * 3])
-        return ErrorMotions(angle, values * scale, self.sigma * np.linalg.norm(mix, axis=-1) * scale,
+        return ErrorMotions(angle, values * scale, self.weighted_sigma * np.linalg.norm(mix, axis=-1) * scale,
                             self.solution.model.runs[0].rotation)
 
 
@@ -221,13 +226,13 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
         raise InvalidData(f'{runs[0].source}: expected at most {MOST_READINGS} readings in an environment, found '
                           f'{sum(run.size for run in runs)}; evaluate fewer runs as one')
     notes += [remark(JointRemark.NOT_IN_U, run=run.name) for run in runs if environment and run.run is None]
-    solution = JointSolution(JointModel(runs, wanted))
+    solution = _solved(JointModel(runs, wanted), explained_runs(runs))
     if solution.dof <= 0:
         raise NotDeterminable(f'{solution.model.size} ball centres leave {solution.dof} degrees of freedom; measure '
                               'more balls or share more')
     dropped, calibrated = list[SharingTest](), any(run.plate.is_calibrated for run in runs)
     while True:
-        tests = [_tested(solution, item) for item in solution.model.sharing.items
+        tests = [tested(solution, item) for item in solution.model.sharing.items
                  if item != 'calibrated plate' or calibrated]
         untrue = [test for test in tests if test.is_contradicted and _FIELDS.get(test.item, test.item) not in declared]
         if not untrue:
@@ -240,12 +245,27 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
                 f'{" and ".join(run.name for run in runs)}: expected runs that have something in common, but the '
                 f'readings contradict all of it: {untrue_items}; diagnose each run alone, as what a model lacks makes '
                 'them differ, too, or declare what is the same (--share)')
-        solution = JointSolution(JointModel(runs, solution.model.sharing.without(worst.item)))
+        solution = _solved(JointModel(runs, solution.model.sharing.without(worst.item)), solution.beside)
     if solution.model.sharing.by_sense:
-        tests.append(_sense(solution))
+        tests.append(sense_tested(solution))
     notes += angles_of_one_sense(solution)
+    for run, own, one in zip(runs, solution.beside.runs, solution.beside.hypotheses, strict=True):
+        notes += [remark(JointRemark.EFFECTS, run=run.name, effects=tuple(effect.name for effect in one.effects))
+                  ] * bool(one.effects)
+        notes += [remark(JointRemark.NOISE, run=run.name, kinds=own.noise.kinds)] * bool(own.noise.kinds)
     said = frozenset(item for item in wanted.items if _FIELDS.get(item, item) in declared)
     return JointResult(solution, said, (*tests, *dropped), *_sigma(solution), tuple(notes), environment)
+
+
+def _solved(model: JointModel, beside: BesideBase) -> JointSolution:
+    """Return the solution of a model, with effects of each run that all readings show, by the likeliest choice."""
+    if not any(one.effects for run in beside.runs for one in run.hypotheses):
+        return JointSolution(model, beside)
+    plain = JointSolution(model, visible_of(beside, lambda place, rows: 0.0, HIDDEN_SHARE))
+    beside = visible_of(beside, plain.share, HIDDEN_SHARE)
+    solution = JointSolution(model, beside)
+    likeliest = by_likeliest(solution, float(np.sqrt(solution.rss / max(solution.dof, 1))))
+    return solution if likeliest.choice == beside.choice else JointSolution(model, likeliest)
 
 
 _FIELDS = {'calibrated plate': 'trusts_plates', 'calibrated CMM': 'cmm_is_calibrated'}
@@ -355,35 +375,11 @@ def _are_near(one: Frame, other: Frame | None) -> bool:
                 and np.abs(one.rotation - other.rotation).max() < NEARLY_ALONG)
 
 
-def _tested(solution: JointSolution, item: str) -> SharingTest:
-    runs, sharing = solution.model.runs, solution.model.sharing
-    try:
-        free = ([JointSolution(JointModel([run], sharing.of_one())) for run in runs] if sharing.is_all(item) else
-                [JointSolution(JointModel(runs, sharing.without(item)))])
-    except NotDeterminable:  # too little else joins the runs
-        return SharingTest(item, 0.0, 0, None, True)
-    return _f_test(item, [solution], free)
-
-
-def _sense(solution: JointSolution) -> SharingTest:
-    together = JointSolution(JointModel(solution.model.runs, solution.model.sharing.without('sense')))
-    return replace(_f_test('sense', [together], [solution]), is_used=False)
-
-
-def _f_test(item: str, shared: Sequence[JointSolution], free: Sequence[JointSolution]) -> SharingTest:
-    """Return the test of what is shared against what is free, each in one solution or in one of each run."""
-    dof, free_dof = sum(one.rank for one in free) - sum(one.rank for one in shared), sum(one.dof for one in free)
-    if dof <= 0 or free_dof <= 0:
-        return SharingTest(item, 0.0, 0, None, True)
-    rss = sum(one.rss for one in free)
-    f = max(sum(one.rss for one in shared) - rss, 0.0) / dof / max(rss / free_dof, NO_NOISE**2)
-    return SharingTest(item, f, dof, float(scipy.special.fdtrc(dof, free_dof, f)), True)
-
-
 def _sigma(solution: JointSolution) -> tuple[float, float, SigmaSource, float | None]:
     """Return the standard deviation of a coordinate, its degrees of freedom, its source, and p of lack of fit."""
     runs, rms = solution.model.runs, float(np.sqrt(solution.rss / solution.dof))
     rounding = float(np.sqrt(np.average([run.rounding**2 for run in runs], weights=[run.size for run in runs])))
+    noises = [run.noise for run in solution.beside.runs]
     # a repeatability without degrees of freedom is known exactly: as if it had very many
     known = [(scatter, (run.repeatability_dof or EXACT) * (scatter / run.repeatability)**4) for run in runs
              if run.repeatability and (scatter := float(np.hypot(run.repeatability, run.rounding)))]
@@ -392,9 +388,12 @@ def _sigma(solution: JointSolution) -> tuple[float, float, SigmaSource, float | 
             rounding, EXACT, SigmaSource.ROUNDING, None)
     dof = sum(count for _, count in known)
     sd = float(np.sqrt(sum(count * value**2 for value, count in known) / dof))
-    p = float(scipy.special.fdtrc(solution.dof, dof, (rms / sd)**2))
+    quietest, of_tail = min(one.quietest for one in noises), min(one.share_of_dof for one in noises)
+    p = float(scipy.special.fdtrc(solution.dof * of_tail, dof * of_tail, (rms / sd * quietest)**2))
     if p < UNLIKELY:
         return rms, solution.dof, SigmaSource.LARGER, p
+    if any(one.by or one.tail for one in noises):
+        return rms, solution.dof, SigmaSource.UNEQUAL, p
     pooled = float(np.sqrt((solution.rss + dof * sd**2) / (solution.dof + dof)))
     if pooled < rounding:
         return rounding, EXACT, SigmaSource.ROUNDING, p

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One least squares for several runs: which unknowns they have, how these are seen, what stays hidden.
+"""Several runs as one model: which unknowns they have, and how these are seen.
 
     p = F_r [ R(Theta(phi)) R_z(phi) C_c (b_j + P_j) + T(phi) + M(alpha) ]
 
@@ -34,12 +34,9 @@ SAME_PLACE = 1e-4
 """Nominal places of the CMM that are nearer to each other are one, m."""
 ZERO = 1e-9
 """Eigenvalues of the normal equations below this share of the largest are 0."""
-HIDDEN_PART = 1e-5
-"""Part of a hidden direction, as a share of it, that counts."""
 ROUNDING = 1e-12
 """Places that differ by no more are equal, m."""
 MOST_UNKNOWNS = 3000
-MOST_STEPS, SMALLEST_STEP = 8, 1e-13
 
 
 @dataclass(frozen=True)
@@ -188,125 +185,6 @@ class JointModel:
         at = moved(at, clamped[:, 3:], clamped[:, :3])
         at = on_table(at, self.phi + self.deviation, curves[self.table]) + part['cmm'][self.cmm]
         return moved(at, framed[:, 3:], framed[:, :3])
-
-
-class JointSolution:
-    """The least squares of a JointModel: unknowns (q,), residual (N, 3), rss, rank; hidden: (q, h) directions.
-
-    mix: (q, rank), such that mix mix' is the cofactor matrix of the unknowns; hidden_in_curves: how many of the hidden
-    directions change curves; curves, mix_of_curves: the part of both that is of curves, without means and once-per-turn
-    parts that are known only together, by known_together combinations. covariance: of the readings of each run beside
-    their noise of 1, (3 N, 3 N), which they are weighted by.
-    """
-
-    def __init__(self, model: JointModel, covariance: Sequence[Floats] = ()) -> None:
-        self.model = model
-        design = model.design[:, model.free]
-        value, vector = scipy.linalg.eigh((design.T @ design).toarray())
-        keep = value > ZERO * value[-1]
-        self.rank = int(keep.sum())
-        self.hidden: Floats = np.zeros((model.free.size, int((~keep).sum())))
-        self.hidden[model.free] = vector[:, ~keep]
-        mix = np.zeros((model.free.size, self.rank))
-        mix[model.free] = vector[:, keep] / np.sqrt(value[keep])
-        transposed = design.T
-        if covariance:
-            inverse = scipy.sparse.block_diag([np.linalg.inv(np.eye(len(one)) + one) for one in covariance], 'csr')
-            transposed = design.T @ inverse
-            normal = mix[model.free].T @ (transposed @ (design @ mix[model.free]))
-            mix = scipy.linalg.solve_triangular(np.linalg.cholesky(normal), mix.T, lower=True).T
-        self._fixes = list(_gauge(model, self.hidden))
-        self.hidden_in_curves = self._fixes[0][1]
-        self.mix = self._in_gauge(mix)
-        self._normal = mix, transposed
-        self.unknowns = self.solved(model.centre)
-        place = model.groups['curves']
-        together = _known_together(model, self.hidden[place], self._fixes[0][3].T)
-        self.known_together = together.shape[1]
-        self.curves: Floats = self.unknowns[place] - together @ (together.T @ self.unknowns[place])
-        self.mix_of_curves: Floats = self.mix[place] - together @ (together.T @ self.mix[place])
-        self.residual: Floats = model.centre - model.predicted(self.unknowns)
-        self.rss = float(np.sum(self.residual**2))
-
-    def solved(self, centre: Floats) -> Floats:
-        """Return the unknowns (q,) of other ball centres (N, 3) of the same readings."""
-        (mix, transposed), model = self._normal, self.model
-        unknowns = np.zeros(model.free.size)
-        for _ in range(MOST_STEPS):
-            step = transposed @ (centre - model.predicted(unknowns)).ravel()
-            step = self._in_gauge(unknowns + mix @ (mix[model.free].T @ step)) - unknowns
-            unknowns = unknowns + step
-            if np.abs(step).max(initial=0) < SMALLEST_STEP:
-                break
-        return unknowns
-
-    def look(self, place: int, offset: float, columns: Floats) -> tuple[Floats, Floats]:
-        """Return E E' (b, q, q) and E r (b, q), m^2, of displacements (b, q, N, 3) of one run: E is what the unknowns
-        leave of them, r the residual; offset: of the axes of the columns against those of the runs, rad."""
-        (mix, transposed), own = self._normal, np.repeat(self.model.run == place, 3)
-        flat = rotate_z(offset, columns).reshape(-1, int(own.sum()))
-        taken = ((transposed[:, own] @ flat.T).T @ mix[self.model.free]).reshape(*columns.shape[:2], -1)
-        told, flat = flat @ self.residual.reshape(-1)[own], flat.reshape(*columns.shape[:2], -1)
-        return flat @ np.swapaxes(flat, 1, 2) - taken @ np.swapaxes(taken, 1, 2), told.reshape(columns.shape[:2])
-
-    def shifted(self, place: int, columns: Floats) -> Floats:
-        """Return what displacements (k, 3 N) of the readings of one run do to `curves`, (k, c)."""
-        mix, transposed = self._normal
-        own = np.repeat(self.model.run == place, 3)
-        return np.asarray((transposed[:, own] @ columns.T).T @ mix[self.model.free] @ self.mix_of_curves.T)
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom of the residual."""
-        return 3 * self.model.size - self.rank
-
-    def _in_gauge(self, values: Floats) -> Floats:
-        """Return unknowns, (q,) or (q, k), brought into the gauge."""
-        for place, _, move, measure in self._fixes:
-            values = values - move @ (measure @ values[place])
-        return values
-
-
-def _gauge(model: JointModel, hidden: Floats) -> Any:
-    """Yield place, rank, move (q, k) and measure (k, g) of each group of unknowns that is made least in turn.
-
-    A calibrated plate was put on anywhere, the CMM is nearly right: a turn of both is one of the plate.
-    """
-    is_known = not model.free[model.groups['plate']].all()
-    for place in (model.groups[name] for name in (
-            'curves', 'frame', *(('cmm', 'placement') if is_known else ('placement', 'cmm')), 'plate')):
-        part = hidden[place]
-        left, size, right = np.linalg.svd(part, full_matrices=len(part) < part.shape[1])  # right must be complete
-        count = int(np.sum(size > HIDDEN_PART))
-        yield place, count, hidden @ (right[:count].T / size[:count]), left[:, :count].T
-        hidden = hidden @ right[count:].T
-
-
-def _known_together(model: JointModel, hidden: Floats, gone: Floats) -> Floats:
-    """Return what to take out of curves beside the hidden directions, orthonormal (g, k); gone: these in curves.
-
-    A few readings that join two runs may tell the sum of two means but neither of them: hidden is their difference, and
-    the least curves would share out the sum. So a mean or a once-per-turn part goes wholly where a hidden direction
-    changes it: where that is the same in several sets, what they have in common, else that of each set.
-    """
-    parts = np.zeros((10, len(model.sets), len(hidden)))
-    sizes = np.zeros((10, len(model.sets), hidden.shape[1]))
-    for number, one in enumerate(model.sets):
-        c, s = np.cos(one.angle), np.sin(one.angle)
-        of_set = np.zeros((10, one.angle.size, 6))
-        of_set[range(6), :, range(6)] = 1.0
-        for place, axis in ((6, 0), (8, 3)):  # eccentricity and tilt, along x and y of the table
-            of_set[place, :, axis], of_set[place, :, axis + 1] = c, s
-            of_set[place + 1, :, axis], of_set[place + 1, :, axis + 1] = -s, c
-        parts[:, number, one.place] = of_set.reshape(10, -1) / np.sqrt(one.angle.size)
-        sizes[:, number] = np.linalg.pinv(parts[:, number, one.place].T) @ hidden[one.place]
-    found = []
-    for part, size in zip(parts, sizes, strict=True):
-        left, value, _ = np.linalg.svd(size, full_matrices=False)
-        found.append(part.T @ left[:, value > HIDDEN_PART])
-    every = np.concatenate(found, axis=1)
-    left, value, _ = np.linalg.svd(every - gone @ (gone.T @ every), full_matrices=False)
-    return np.asarray(left[:, value > HIDDEN_PART])
 
 
 def _agreed(base: Floats, phi: Floats, ball: Ints, cmm: Ints) -> Floats:

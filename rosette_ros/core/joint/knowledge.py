@@ -7,7 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from rosette_ros.core.joint.joint_model import JointSolution, TableSet, tilts
+from rosette_ros.core.joint.joint_model import TableSet, tilts
+from rosette_ros.core.joint.joint_solution import JointSolution
 from rosette_ros.core.run.geometry import SAME_ANGLE, Floats, Ints, wrap
 from rosette_ros.core.run.remarks import Remark, remark
 
@@ -39,6 +40,8 @@ class JointRemark(StrEnum):
     TURNED = 'the plate was turned between runs'
     NO_REVERSAL = 'angles without a reversal'
     NOT_IN_U = 'what the order of a run hides is not in U'
+    EFFECTS = 'effects of a run are in its model'
+    NOISE = 'the noise of a run is not white and equal'
 
 
 _PARTS = ((Part.RADIAL, 'radial', 0), (Part.AXIAL, 'axial', 0), (Part.TILT, 'tilt', 0), (Part.ANGULAR, 'angular', 0),

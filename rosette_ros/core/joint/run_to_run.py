@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from rosette_ros.core.joint.joint_evaluation import JointResult
-from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
+from rosette_ros.core.joint.joint_model import JointModel, TableSet
+from rosette_ros.core.joint.joint_solution import JointSolution
 from rosette_ros.core.joint.sharing import Sharing
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.geometry import Floats, nominal_angles, same_angles
@@ -25,7 +26,7 @@ def joint_lines(result: JointResult, tolerances: Mapping[str, float] | None = No
     for one, motions in result.curves:
         high, low = extremes(motions)
         mix = result.of_set(one)[1]
-        u_range = result.sigma * scale * np.linalg.norm(mix[high, range(6)] - mix[low, range(6)], axis=-1)
+        u_range = result.weighted_sigma * scale * np.linalg.norm(mix[high, range(6)] - mix[low, range(6)], axis=-1)
         same = [curves for table, curves in zip(model.sharing.table, alone, strict=True) if table == one.name]
         out.append((one, motions, error_lines(motions, u_range, tolerances, doubt, _widths(one, same))))
     return out
@@ -49,7 +50,8 @@ def _alone(result: JointResult, place: int) -> tuple[tuple[TableSet, ErrorMotion
     """Return the curves that one of the runs determines by itself, with the noise of all; () where it cannot."""
     model = result.solution.model
     try:
-        single = JointSolution(JointModel([model.runs[place]], Sharing.of(1, by_sense=model.sharing.by_sense)))
+        single = JointSolution(JointModel([model.runs[place]], Sharing.of(1, by_sense=model.sharing.by_sense)),
+                               result.solution.beside.alone(place))
     except NotDeterminable:
         return ()
     return replace(result, solution=single, environment=None).curves

@@ -44,8 +44,6 @@ REFINED = ('scale', 'phase')
 """Kinds of searched parameters that have an uncertainty."""
 DRAWS = 128
 """Draws of noise by which it is known what a fit makes of neighbouring readings."""
-FEWEST = 0.1
-"""Share of its degrees of freedom that a repeatability keeps, at least, under heavy tails: (dof - 4) / (dof - 1)."""
 
 
 SAME_STEPS = 1e-9
@@ -499,8 +497,8 @@ def _noise(run: Run, rss: float, dof: int, noise: Noise) -> tuple[float, SigmaSo
         return *_at_least(run.rounding, rms, SigmaSource.RESIDUALS), None, None
     known, known_dof = run.scatter
     chi = (rms / known)**2
-    # the check was made at one place, which may be the quietest one; heavy tails make its variance uncertain
-    least, of_tail = chi * noise.quietest**2, max(1 - 3 / max(noise.tail_dof - 1, 1.0), FEWEST)
+    # the check was made at one place, which may be the quietest one
+    least, of_tail = chi * noise.quietest**2, noise.share_of_dof
     p = float(scipy.special.chdtrc(dof * of_tail, least * dof * of_tail) if known_dof is None
               else scipy.special.fdtrc(dof * of_tail, known_dof * of_tail, least))
     if p < UNLIKELY:

@@ -29,6 +29,8 @@ BLOCK = 24
 """Readings of a block."""
 SAME = 0.99
 """Share of readings in which two places agree that cannot be distinguished."""
+FEWEST = 0.1
+"""Share of its degrees of freedom that a repeatability keeps, at least, under heavy tails: (dof - 4) / (dof - 1)."""
 Real = TypeVar('Real', bound=np.floating[Any])
 """Single or double precision; what is made of columns keeps that of them."""
 
@@ -87,6 +89,11 @@ class Noise:
         """
         least = float(self.factors.min())
         return least * float(np.exp(-np.std(np.diff(np.log(self.factors))))) if self.by == 'time' else least
+
+    @property
+    def share_of_dof(self) -> float:
+        """The share of its degrees of freedom that a repeatability keeps: heavy tails make its variance uncertain."""
+        return max(1 - 3 / max(self.tail_dof - 1, 1.0), FEWEST)
 
     def loss(self, share: float) -> float:
         """Return the variance of what is fitted over that which the weights say: Student's are estimated themselves.

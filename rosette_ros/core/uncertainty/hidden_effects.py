@@ -296,14 +296,15 @@ def _effects(run: Run, environment: Environment, claimed: Collection[str] = ()) 
 
 
 def hidden_covariance(run: Run, environment: Environment, noise: float, dof: int,
-                      look: Callable[[Floats], tuple[Floats, Floats]]) -> tuple[Floats, dict[str, Floats]]:
+                      look: Callable[[Floats], tuple[Floats, Floats]],
+                      claimed: Collection[str] = ()) -> tuple[Floats, dict[str, Floats]]:
     """Return the covariance of what may be there in a run, (3 N, 3 N), m^2, and its factors by effect, (k, 3 N), m;
     both in the axes of table angle 0.
 
     look: returns E E' and E r, m^2, of columns (b, q, N, 3) in the evaluation of which the run is a part; noise, dof:
-    rms of its residual, m, and degrees of freedom."""
+    rms of its residual, m, and degrees of freedom; claimed: effects that have left the environment."""
     factors = {}
-    for name, several in _effects(run, environment):
+    for name, several in _effects(run, environment, claimed):
         looked = [tuple(one / noise**2 for one in look(columns)) for columns in several.columns]
         spread = several.judged(looked, dof)[1]  # type: ignore[arg-type]
         factors[name] = spread[:, None] * np.concatenate([

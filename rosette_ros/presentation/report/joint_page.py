@@ -78,4 +78,5 @@ def joint_tables(result: JointResult, identity: Identity) -> tuple[Table, ...]:
     """Return the tables of a joint evaluation: errors, what is shared, means of reversals, curves, deviations."""
     tolerances = identity.limits(result.solution.model.runs[0].rotation)
     return (*results.joint_errors(result, tolerances), results.sharing_table(result),
-            *results.reversal_means(result), *results.joint_curves(result), *results.joint_deviations(result))
+            *results.joint_effects(result), *results.reversal_means(result), *results.joint_curves(result),
+            *results.joint_deviations(result))
