@@ -11,11 +11,13 @@ import traceback
 from pathlib import Path
 
 from benchmarks.blind.answers import Record
+from benchmarks.blind.cells import CELLS, cell_record, cell_table
 from benchmarks.blind.regret import regret
 from benchmarks.blind.table import table
 from benchmarks.blind.trial import CAUSES, SETS, NotShown, Trial, trials
 from rosette_ros.core.diagnosis.diagnosis import diagnose
 
+OF_CELLS = 'cells'
 BEGIN, END = '<!-- table of the blind tests -->', '<!-- end of the table -->'
 """What stands before and after the table in a page."""
 
@@ -23,8 +25,9 @@ BEGIN, END = '<!-- table of the blind tests -->', '<!-- end of the table -->'
 def options(argv: list[str] | None) -> argparse.Namespace:
     """Return the options of the command."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.blind', description='Blind tests of the diagnosis.')
-    parser.add_argument('--sets', nargs='+', choices=SETS, default=list(SETS), metavar='SET',
-                        help=f'some of {", ".join(SETS)} (default: all)')
+    parser.add_argument('--sets', nargs='+', choices=(*SETS, OF_CELLS), default=list(SETS), metavar='SET',
+                        help=f'some of {", ".join(SETS)} (default: all), or {OF_CELLS} alone')
+    parser.add_argument('--cells', type=int, default=CELLS, help=f'how many cells of {OF_CELLS} (default {CELLS})')
     parser.add_argument('--seeds', type=int, help='runs of each group (default: as each set has them)')
     parser.add_argument('--first-seed', type=int, default=1)
     parser.add_argument('-n', '--balls', dest='n', type=int, default=12)
@@ -38,6 +41,8 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     part, _, parts = arguments.share.partition('/')
     if not (part.isdigit() and parts.isdigit() and 1 <= int(part) <= int(parts)):
         parser.error(f'--share: expected K/M with 1 ≤ K ≤ M, found {arguments.share}')
+    if OF_CELLS in arguments.sets and len(arguments.sets) > 1:
+        parser.error(f'--sets: expected {OF_CELLS} alone, as its figures are others, found {" ".join(arguments.sets)}')
     arguments.part, arguments.parts = int(part), int(parts)
     return arguments
 
@@ -59,6 +64,8 @@ def work(trial: Trial) -> Record:
 def main(argv: list[str] | None = None) -> int:
     """Diagnose the runs and print the table; return 1 where a run failed."""
     arguments = options(argv)
+    if arguments.sets == [OF_CELLS]:
+        return of_cells(arguments)
     old = json.loads(arguments.compare.read_text()) if arguments.compare else None
     todo = trials(arguments.sets, arguments.seeds, arguments.first_seed, arguments.causes,
                   arguments.n)[arguments.part - 1::arguments.parts]
@@ -85,6 +92,20 @@ def main(argv: list[str] | None = None) -> int:
     for record in failed:
         print(f'failed: {record["trial"]}\n{record["failed"]}', file=sys.stderr)
     return int(bool(failed))
+
+
+def of_cells(arguments: argparse.Namespace) -> int:
+    """Diagnose cells and print their figures."""
+    todo = [(cell, arguments.n) for cell in range(arguments.cells)][arguments.part - 1::arguments.parts]
+    if arguments.jobs > 1:
+        with multiprocessing.get_context('spawn').Pool(arguments.jobs) as pool:
+            records = pool.starmap(cell_record, todo, chunksize=1)
+    else:
+        records = [cell_record(*one) for one in todo]
+    if arguments.json:
+        arguments.json.write_text(json.dumps(records, indent=0, ensure_ascii=False))
+    print(cell_table(records))
+    return 0
 
 
 def write_page(page: Path, text: str) -> None:

@@ -12,7 +12,16 @@ import numpy as np
 from rosette_ros import analysis
 from rosette_ros.analysis import LadderStep, RunCurves, RunResult, claimed_model
 from rosette_ros.api.cells import diagnosed_cell
-from rosette_ros.api.measurement import Doing, JudgedRun, Measurement, model_of, read, several, stated_inputs
+from rosette_ros.api.measurement import (
+    Doing,
+    JudgedRun,
+    Measurement,
+    model_of,
+    read,
+    several,
+    stated_inputs,
+    with_experience,
+)
 from rosette_ros.api.result import DrawnResult, Result, frame_of, html_of, in_notebook, plots
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
@@ -21,6 +30,7 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult, evaluate_jointly
 from rosette_ros.core.joint.run_to_run import joint_spheres
+from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats
@@ -53,6 +63,7 @@ from rosette_ros.words.verdict_words import verdict_text
 Runs = Any
 """One run, or a list of runs, each as `read` takes it."""
 ModelLike = Model | str | Path | None
+ExperienceLike = Experience | str | Path | None
 Stated = Mapping[str, Any] | str | Path | None
 
 
@@ -193,20 +204,22 @@ class JointEvaluation(Result):
 
 def evaluate(runs: Runs, model: ModelLike = None, *, inputs: Stated = None, environment: str | None = None,
              share: str | Path | None = None, refit_spheres: bool = False, test_spheres: Sequence[float] = (),
-             identity: str | Path | None = None) -> Any:
+             identity: str | Path | None = None, experience: ExperienceLike = None) -> Any:
     """Return the Evaluation of a run, or the JointEvaluation of several as one (of a plate of any pitch, too).
 
     model: or its file; inputs: of the uncertainty budget, as its file says them; environment: 'laboratory' or
     'workshop', so that U contains what the order of measurement hides; share: file with what several runs share;
     refit_spheres: ball centres from the touches in the log; test_spheres: radius and height, mm, for the four-axis
-    errors (ISO 10360-3); identity: a file that states tolerances. Raises InvalidData, NotDeterminable."""
+    errors (ISO 10360-3); identity: a file that states tolerances; experience: what
+    earlier runs of the cell have taught, or its file. Raises InvalidData, NotDeterminable."""
     every = several(runs)
     where = [1e-3 * one for one in test_spheres]
     if len(every) > 1 or every[0].has_plate or share:
-        if model is not None or refit_spheres:
-            raise InvalidData('evaluate: expected no model and no refit_spheres with several runs as one')
+        if model is not None or refit_spheres or experience is not None:
+            raise InvalidData('evaluate: expected no model, no refit_spheres and no experience with several runs as '
+                              'one')
         return evaluated_jointly(every, inputs, environment, share, identity, where)
-    return evaluated(JudgedRun(every[0], model, inputs, environment), refit_spheres, where)
+    return evaluated(JudgedRun(every[0], model, inputs, environment, experience=experience), refit_spheres, where)
 
 
 def evaluated(judged: JudgedRun, refit_spheres: bool = False, where: Sequence[float] = ()) -> Evaluation:
@@ -285,16 +298,18 @@ class Diagnosed(DrawnResult):
         return plots('comparison_plots').candidates(self.diagnosis.candidates, fit.run.repeatability)
 
 
-def diagnose(run: Runs, model: ModelLike = None, check: Any = None) -> Any:
+def diagnose(run: Runs, model: ModelLike = None, check: Any = None, experience: ExperienceLike = None) -> Any:
     """Return the Diagnosed of a run, which effects are missing from a model, or the CellDiagnosed of several runs of a
     cell, what comes again in it.
 
-    check: another run of the same cell that confirms what is missing in one. Raises InvalidData, NotDeterminable."""
+    check: another run of the same cell that confirms what is missing in one; experience: what earlier runs of the cell
+    have taught, or its file, of one run. Raises InvalidData, NotDeterminable."""
     if isinstance(run, list | tuple):
-        if check is not None:
-            raise InvalidData('diagnose: expected no check with several runs, which confirm each other')
+        if check is not None or experience is not None:
+            raise InvalidData('diagnose: expected no check and no experience with several runs, which say it together')
         return diagnosed_cell(several(run), model_of(model))
-    diagnosis = analysis.diagnose(read(run).run, model_of(model))
+    measured = read(run)
+    diagnosis = analysis.diagnose(measured.run, with_experience(model_of(model), experience, False, measured))
     return Diagnosed(diagnosis, None if check is None else analysis.cross_check(read(check).run, diagnosis))
 
 

@@ -4,6 +4,7 @@
 import html
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from rosette_ros.api.result import frame_of, html_of
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError
@@ -24,6 +26,7 @@ from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.csv_parser import read_columns
+from rosette_ros.io.experience_file import read_experience
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import has_plate, open_identified, open_readings
@@ -135,18 +138,21 @@ class JudgedRun:
     """A measurement under a model, in an environment where one is stated; everything is calculated once.
 
     model, inputs: a file or what it says, None for the base model and for no statement; environment: a class, which
-    takes the place of what `inputs` says of it; doing: tells what is done."""
+    takes the place of what `inputs` says of it; doing: tells what is done; experience, any_cell: as of
+    `with_experience`."""
 
     def __init__(self, measured: Measurement, model: 'Model | str | Path | None' = None,
                  inputs: 'Mapping[str, Any] | str | Path | None' = None, environment: str | None = None,
-                 doing: Doing = lambda words: nullcontext()) -> None:
+                 doing: Doing = lambda words: nullcontext(), experience: 'Experience | str | Path | None' = None,
+                 any_cell: bool = False) -> None:
         self.measured, self.run, self.identity, self.path = measured, measured.run, measured.identity, measured.path
         self._model, self._stated, self._doing = model, (inputs, environment), doing
+        self._experience = experience, any_cell
 
     @cached_property
     def model(self) -> Model:
-        """That which is given, the base model without one."""
-        return model_of(self._model)
+        """That which is given, the base model without one, with what earlier runs have taught."""
+        return with_experience(model_of(self._model), *self._experience, self.measured)
 
     @cached_property
     def inputs(self) -> BudgetInputs | None:
@@ -187,6 +193,22 @@ class JudgedRun:
 def model_of(given: 'Model | str | Path | None') -> Model:
     """Return the Model that is given, or that of a file; without one the base model."""
     return given if isinstance(given, Model) else read_model(given)
+
+
+def with_experience(model: Model, given: 'Experience | str | Path | None', any_cell: bool,
+                    measured: Measurement) -> Model:
+    """Return a model with what earlier runs of the cell of a measurement have taught, an Experience or its file.
+
+    any_cell: whether that of another table or CMM is taken, too, which is refused else. Raises InvalidData."""
+    if given is None:
+        return model
+    known = given if isinstance(given, Experience) else read_experience(given)
+    for words, taught, stated in (('table', known.table, measured.identity['table.serial']),
+                                  ('CMM', known.cmm, measured.identity['cmm.serial'])):
+        if taught and stated and taught != stated and not any_cell:
+            raise InvalidData(f'{measured.name}: expected a run of {words} {taught}, of which {known.runs} runs have '
+                              f'taught the experience, found {words} {stated}; --any-cell takes it all the same')
+    return replace(model, experience=known)
 
 
 def stated_inputs(inputs: 'Mapping[str, Any] | str | Path | None', environment: str | None) -> BudgetInputs | None:

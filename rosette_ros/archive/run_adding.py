@@ -22,6 +22,9 @@ import fsspec
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find
 from rosette_ros.archive.run_archive import MARK, RunArchive
 from rosette_ros.archive.run_row import STATED, Row, evaluation_row, heading
+from rosette_ros.archive.stored_causes import causes_text
+from rosette_ros.core.diagnosis.diagnosis import search_of
+from rosette_ros.core.joint.run_causes import causes_in
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError, one_line
 from rosette_ros.core.run.records import Run
@@ -194,8 +197,9 @@ def rows_of(digest: Digest, model: Model, identity: Identity | None = None,
                 try:
                     run, source = open_one()
                     found = find(run, model) if run.n <= MOST_BALLS_JUDGED else None
-                    rows.append({**head(run_id=run.run_id),
-                                 **evaluation_row(analyse(run, model), found, source, cell, identity, environment)})
+                    causes = causes_text(causes_in(search_of(run, model))) if found else None
+                    rows.append({**head(run_id=run.run_id), **evaluation_row(
+                        analyse(run, model), found, source, cell, identity, environment, causes)})
                 except RosetteError as error:
                     rows.append(head(run_id=run_id, problem=_words(error, path)))
     except RosetteError as error:

@@ -87,6 +87,8 @@ COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ('unexplained', _TEXT, 'what is left that no named effect explains, in words; empty where nothing is'),
     ('effects', pa.list_(_EFFECT), 'effects with their rms and parameters (value, U: k = 2, unit): in_model says '
                                    'whether it stands in the model or the diagnosis names it'),
+    ('causes', _TEXT, 'what the run says of causes, for archive experience: hypotheses that its search visited, with '
+                      'their log evidence (JSON, rosette-run-causes/1); null on plates too large to be judged unasked'),
     ('rotation', _REALS, 'of the table frame in the machine frame, 9 values row by row; null where not known'),
     ('result', _TEXT, 'which curves these are: all explanations averaged where something is missing, else as modelled; '
                       'null where a version wrote the row that kept those as modelled'),
@@ -120,11 +122,13 @@ def heading(log_sha256: str, path: str, stamp: str, model: Model, added_at: date
 
 
 def evaluation_row(fit: Fit, finding: Diagnosis | None = None, source: Source | None = None, cell: str = '',
-                   identity: Identity | None = None, environment: Environment | None = None) -> Row:
+                   identity: Identity | None = None, environment: Environment | None = None,
+                   causes: str | None = None) -> Row:
     """Return what a row says of an evaluation.
 
     finding: None where the run was not diagnosed; source: of the run, None where it comes from no file; identity: in
-    place of that of the source; environment: that is stated, which curves and U are taken in."""
+    place of that of the source; environment: that is stated, which curves and U are taken in; causes: the column of
+    that name."""
     run, stated = fit.run, BudgetInputs(environment=environment if fit.run.n <= MOST_BALLS else None)
     result = RunResult(fit, finding, stated)
     known = known_temperatures(run)
@@ -152,6 +156,7 @@ def evaluation_row(fit: Fit, finding: Diagnosis | None = None, source: Source | 
             'parameters': [{'name': each.name, 'value': each.value, 'U': COVERAGE_FACTOR * each.u, 'unit': each.unit}
                            for each in one.parameters]}
             for place, one in enumerate((*fit.effects, *(finding.final.effects[in_model:] if finding else ())))],
+        'causes': causes,
         'rotation': None if run.rotation is None else run.rotation.ravel().tolist(),
         'result': str(result.curves.which),
         'angle_rad': motions.angle.tolist(), **_lists('{}', CURVE_KEYS, motions.values),

@@ -19,6 +19,7 @@ from rosette_ros.archive.reanalysis import RunChange, TrendComparison
 from rosette_ros.archive.run_adding import Added, Engine, add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive, local_folder
 from rosette_ros.archive.run_row import COLUMNS
+from rosette_ros.archive.stored_causes import experience_of_cell
 from rosette_ros.archive.table_history import History, TableTrend, read_history, trend_of
 from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, load, made_folder, whole
 from rosette_ros.cli.console import console, print_json, print_parts
@@ -30,6 +31,7 @@ from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.invocation import command
 from rosette_ros.io.budget_file import environment_of, format_environment, read_stated
+from rosette_ros.io.experience_file import format_experience
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.text_file import refuse_output, write_text
@@ -220,6 +222,31 @@ def run_environment(options: Namespace) -> None:
     console().print(f'Written to {options.output}. Use it with: {use}', markup=False, soft_wrap=True)
 
 
+def experience_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'archive')
+    parser.add_argument('--cell', metavar='NAME', default='', help='name of the cell, as archive query --cell takes it')
+    parser.add_argument('--table', metavar='SERIAL', default='', help='serial number of the table')
+    parser.add_argument('-o', '--output', metavar='FILE', help='write it to a file for --experience (YAML), in place '
+                        'of the screen')
+    add_shared(parser, '--force')
+
+
+def run_experience(options: Namespace) -> None:
+    """Print or write what the runs of a cell have taught."""
+    if not (options.cell or options.table):
+        raise UsageError('archive experience: expected --cell NAME or --table SERIAL, found neither')
+    if options.output:
+        refuse_output(options.output, options.force)
+    text = format_experience(experience_of_cell(RunArchive(options.archive), options.cell, options.table))
+    if not options.output:
+        sys.stdout.write(text)
+        return
+    write_text(options.output, text, options.force)
+    use = command('diagnose', 'RUN', '--experience', options.output)
+    console().print(f'Written to {options.output}. Use it with: {use}', markup=False, soft_wrap=True)
+
+
 def reanalyse_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'archive')
@@ -401,6 +428,8 @@ IMPLEMENTED = {
         'query': ('what an archive says, by SQL or by ready questions', query_arguments, run_query),
         'environment': ('what may move in the cell of a table by its earlier runs, as a section of --inputs',
                         environment_arguments, run_environment),
+        'experience': ('what the runs of a cell have taught of its causes, as a file for --experience',
+                       experience_arguments, run_experience),
         'reanalyse': ('evaluate all runs under another model and compare: residuals, curves, which runs had the effect',
                       reanalyse_arguments, run_reanalyse)},
     'trend': (trend_arguments, run_trend)}

@@ -119,6 +119,9 @@ SHARED: dict[str, dict[str, Any]] = {
                   '`rosette import --save`, or table=Table,ball=Ball,x=X,y=Y,z=Z,radius_mm=182.5 ...'},
     '--model': {'metavar': 'FILE', 'help': 'model file (YAML); without it the base model: table motions, '
                                            'plate deviations, CMM deviations'},
+    '--experience': {'metavar': 'FILE', 'help': 'what earlier runs of the cell have taught (YAML, '
+                     'rosette-experience/1, of archive experience): its causes are found where they are weak'},
+    '--any-cell': {'action': 'store_true', 'help': 'take the experience of another cell, too'},
     '--identity': {'metavar': 'FILE', 'help': 'who, what, where and tolerances (YAML, rosette-identity/1), in place of '
                                               'what the log states'},
     '--refit-spheres': {'action': 'store_true', 'help': 'recalculate the ball centres from the touches in the log, and '

@@ -48,6 +48,7 @@ from rosette_ros.words.effect_words import fixed
 from rosette_ros.words.verdict_words import verdict_text
 
 OFFLINE = ('--offline',)
+MOST_RUNS = 100
 NODES = 'demo without --offline'
 TABLE = {'translation_um': 0.5, 'rotation_urad': 3.0, 'axial_correction': False, 'angular_correction': False}
 """The table of the demo has not been corrected yet: its errors stand above the noise."""
@@ -64,6 +65,8 @@ def demo_arguments(parser: ArgumentParser) -> None:
                         'the sealed envelope says which')
     parser.add_argument('--open', action='store_true', help='with --hidden: open the envelope '
                         'at the end (otherwise on a key press, or by rosette envelope RUN)')
+    parser.add_argument('--runs', metavar='N', type=whole(1, MOST_RUNS), default=1, help='with --hidden: measure so '
+                        'many runs of the machine, one after the other, to be diagnosed together')
     parser.add_argument('--until', metavar='P', type=until, help='with --hidden: measure on until what is hidden '
                         'is settled with this probability, such as 0.95')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
@@ -84,7 +87,7 @@ def demo_arguments(parser: ArgumentParser) -> None:
 
 def run_demo(options: Namespace) -> None:
     """Run the demo."""
-    for name, given in (('--open', options.open), ('--until', options.until)):
+    for name, given in (('--open', options.open), ('--until', options.until), ('--runs', options.runs > 1)):
         if given and options.hidden is None:
             raise InvalidConfig(f'demo: {name} goes with --hidden only; leave it out')
     if options.offline:
@@ -121,7 +124,12 @@ def run_demo(options: Namespace) -> None:
         log_path = running.calibrate(order, options.seed, 'turning: forward', until_probability=options.until)
         if options.until:
             hidden_demo.show_added(out, log_path, config.plate.balls**2)
-        if hidden:
+        if hidden and options.runs > 1:
+            paths = [log_path, *(running.calibrate(order, options.seed + place, 'turning: forward',
+                                                   until_probability=options.until)
+                                 for place in range(1, options.runs))]
+            hidden_demo.show_runs(out, paths)
+        elif hidden:
             hidden_demo.show_hidden(out, config, options.hidden, order, log_path, running.seconds, options.open,
                                     options.until)
         else:
@@ -141,15 +149,22 @@ def in_cell() -> ModuleType:
 
 def measure_offline(out: Console, config: MachineConfig, order: str, options: Namespace) -> None:
     """Let the machine measure in this process, write its readings as a log, and print as after a run in a cell."""
-    began, folder = time.monotonic(), made_folder(options.output)
-    log_path = folder / run_name(datetime.now(UTC), order, [path.name for path in folder.iterdir()])
+    began, folder, machine = time.monotonic(), made_folder(options.output), Machine(config)
     out.print(f'[bold]A simulated machine[/]: {options.balls} balls, order {order}, '
               f'drawn from seed {config.seed}; no nodes')
-    run = Machine(config).run(plan(options.balls, order, options.seed), run_id=log_path.name)
-    write_log(run, log_path, StoredTypes())
-    write_machine(config, log_path / MACHINE)
+    paths = list[Path]()
+    for place in range(options.runs):
+        log_path = folder / run_name(datetime.now(UTC), order, [path.name for path in folder.iterdir()])
+        run = machine.run(plan(options.balls, order, options.seed + place), run_id=log_path.name)
+        write_log(run, log_path, StoredTypes())
+        write_machine(config, log_path / MACHINE)
+        paths.append(log_path)
     if options.hidden is not None:
-        hidden_demo.seal(out, config, options.hidden, log_path)
+        for path in paths:
+            hidden_demo.seal(out if path is paths[0] else None, config, options.hidden, path)
+    if options.runs > 1:
+        hidden_demo.show_runs(out, paths)
+    elif options.hidden is not None:
         hidden_demo.show_hidden(out, config, options.hidden, order, log_path, time.monotonic() - began, options.open,
                                 offline=OFFLINE)
     else:

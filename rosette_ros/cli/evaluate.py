@@ -81,7 +81,8 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment', '--angle-unit')
+    add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment', '--experience', '--any-cell',
+               '--angle-unit')
     parser.add_argument('--test-spheres', metavar=('R_MM', 'HEIGHT_MM'), nargs=2, type=positive('mm'), help='also the '
                         'four-axis errors (ISO 10360-3) of two opposite test spheres at this radius, one in the plane '
                         'of the balls, one so far above it, calculated from the error motions')
@@ -164,7 +165,7 @@ def diagnose_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='+', help='log directory, .mcap file or ball-centre table (CSV); several runs '
                'of one cell are diagnosed together')
-    add_shared(parser, '--columns', '--model', '--angle-unit')
+    add_shared(parser, '--columns', '--model', '--experience', '--any-cell', '--angle-unit')
     parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
                         'identified in RUN confirmed there?')
     add_shared(parser, '--json')
@@ -195,9 +196,10 @@ def run_diagnose(options: Namespace) -> None:
 
 def show_cell(options: Namespace) -> None:
     """Print what several runs say of their cell."""
-    if options.check:
-        raise UsageError('diagnose: expected one RUN with --check, found several, which confirm each other; leave one '
-                         'of both out')
+    for name in ('check', 'experience'):
+        if vars(options)[name]:
+            raise UsageError(f'diagnose: expected one RUN with --{name}, found several, which say it together; leave '
+                             'one of both out')
     every = [read(path, options.columns) for path in options.run_path]
     with doing('diagnosing', len(every)) as step:
         found = diagnosed_cell(every, model_of(options.model), step)

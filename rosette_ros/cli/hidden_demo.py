@@ -54,9 +54,12 @@ SURE_SIGMA = 12.0
 MACHINE = 'machine.yaml'
 
 
-def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
-    """Seal the envelope before anything is measured; the files of the folder are copied to the log."""
+def seal(out: Console | None, config: MachineConfig, seed: int, folder: Path) -> None:
+    """Seal the envelope before anything is measured; the files of the folder are copied to the log; out: None where it
+    was told."""
     digest = seal_envelope(folder / ENVELOPE, Machine(config))
+    if out is None:
+        return
     out.print(f'It hides effects drawn from seed {seed}. The sealed envelope has the digest\n'
               f'  sha256 {digest}')
 
@@ -85,6 +88,14 @@ def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_
             out.input('Press Enter to open it now, or Ctrl-C to leave it shut. ')
     if is_open:
         tell(out, log_path)
+
+
+def show_runs(out: Console, paths: Sequence[Path]) -> None:
+    """Print how several runs of a machine that hides effects are diagnosed together."""
+    every = [shown(path) for path in paths]
+    out.print(f'\n{len(every)} runs of one machine. To find out what comes again in them:')
+    out.print(f'  {escape(command("diagnose", *every))}', soft_wrap=True)
+    out.print(f'What was hidden:\n  {escape(command("envelope", every[0]))}', soft_wrap=True)
 
 
 def show_added(out: Console, log_path: Path, planned: int) -> None:

@@ -19,8 +19,8 @@ from rosette_ros.words.verdict_words import verdict_text
 
 
 class Opened(JudgedRun):
-    """RUN with --run-id, --columns and --identity, --model, --inputs and --environment, and what follows from them; a
-    verb without such an option gives none.
+    """RUN with --run-id, --columns and --identity, --model, --inputs, --environment and --experience, and what
+    follows from them; a verb without such an option gives none.
 
     path: of another run than RUN, or of the first where there are several."""
 
@@ -28,7 +28,8 @@ class Opened(JudgedRun):
         given = vars(options)
         measured = read(given['run_path'] if path is None else path, given.get('columns'), given.get('run_id'),
                         given.get('identity'))
-        super().__init__(measured, given.get('model'), given.get('inputs'), given.get('environment'), doing)
+        super().__init__(measured, given.get('model'), given.get('inputs'), given.get('environment'), doing,
+                         given.get('experience'), given.get('any_cell', False))
 
     def begin(self, out: Console) -> None:
         """Print what was measured, and the verdict or, where there is none, what is wrong with the readings."""
@@ -55,6 +56,8 @@ def is_joint(options: Namespace) -> bool:
     if is_wanted and (options.model or (options.run_id and len(options.run_path) > 1)):
         raise UsageError('--joint: expected no --model and, for several runs, no --run-id, found '
                          f'{"--model" if options.model else "--run-id"}; the base model is fitted to whole logs')
+    if is_wanted and vars(options).get('experience'):
+        raise UsageError('--joint: expected no --experience, found one; it is of single runs')
     if is_wanted and getattr(options, 'refit_spheres', False):
         plates = [path for path in options.run_path if has_plate(path)]
         raise UsageError(f'--refit-spheres: expected the log of a run, which has its touches, found the table '

@@ -20,6 +20,8 @@ from rosette_ros.cli.arguments import UsageError, add_shared, number, positive, 
 from rosette_ros.cli.console import console, doing, pairs, print_json, print_parts, warn
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.effects.composed import effect
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.joint.cell_diagnosis import LIKELY
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import UNTIL
@@ -32,6 +34,7 @@ from rosette_ros.core.run.scheme import ORDERS, TURNINGS, order_name, places_in_
 from rosette_ros.core.run.touches import TOUCHES, Pace
 from rosette_ros.invocation import command, program
 from rosette_ros.io.budget_file import environment_of, read_stated
+from rosette_ros.io.experience_file import read_experience
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
@@ -258,12 +261,15 @@ def advise_arguments(parser: ArgumentParser) -> None:
                         f'a cause is settled (default {UNTIL:g})')
     parser.add_argument('--plan', metavar='FILE', help='with --readings: write what was measured, and they, as a plan '
                         'for calibrate --plan, CSV')
-    add_shared(parser, '--model', '--inputs', '--environment', '--angle-unit', '--json', '--force')
+    add_shared(parser, '--model', '--inputs', '--environment')
+    add_shared(parser, '--experience', help='what earlier runs of the cell have taught (YAML, rosette-experience/1): '
+               'the next run must show its causes; with --readings: their prior')
+    add_shared(parser, '--any-cell', '--angle-unit', '--json', '--force')
 
 
 def run_advise(options: Namespace) -> None:
     """Print the advice."""
-    wanted = tuple(effect(name).name for name in options.show)
+    wanted = tuple(effect(name).name for name in options.show) or causes_known(options)
     planned = (options.balls, options.order)
     if options.readings is not None:
         advise_readings(options)
@@ -289,6 +295,12 @@ def run_advise(options: Namespace) -> None:
         print_json(advice_json(advice, n, radius, run_id))
     else:
         show_advice(advice, n, radius)
+
+
+def causes_known(options: Namespace) -> tuple[str, ...]:
+    """Return the effects of the library that come again in the cell, as its experience says; none without one."""
+    known = read_experience(options.experience).causes if options.experience else ()
+    return tuple(one.name for one in known if one.again > LIKELY and one.name in EFFECTS)
 
 
 def advise_readings(options: Namespace) -> None:

@@ -4,6 +4,7 @@
 import math
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -27,6 +28,7 @@ from rosette_ros.core.planning.next_readings import BLOCK
 from rosette_ros.core.run import records
 from rosette_ros.core.run.errors import InvalidModel, RosetteError, one_line, plain
 from rosette_ros.core.run.records import Run
+from rosette_ros.io.experience_file import read_experience
 from rosette_ros.io.messages import TABLE_FRAME
 from rosette_ros.io.model_file import parse_entry, read_model
 from rosette_ros.io.run_answers import RunAnswers
@@ -42,6 +44,8 @@ from rosette_ros.words.settling_words import block_words, standing_words
 
 WANTED = (
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
+    Wanted('experience', '', 'what earlier runs of the cell have taught (YAML, rosette-experience/1); empty: nothing',
+           read_only=True),
     Wanted('diagnose_after_run', True, 'whether each run is diagnosed, so that the diagnosis is in its log'),
     Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'larger plates are diagnosed on request only', 0, 1000),
     Wanted('longest_work_s', 600.0, 'a calculation that lasts longer is taken for one that never ends: the evaluator '
@@ -74,7 +78,8 @@ class Evaluator(CellNode):
     def __init__(self) -> None:
         super().__init__(names.EVALUATOR, WANTED)
         self.status.longest = float(self.parameters['longest_work_s'])
-        self._in_use = ModelInUse(read_model(self.parameters['model'] or None))
+        model, taught = read_model(self.parameters['model'] or None), str(self.parameters['experience'])
+        self._in_use = ModelInUse(replace(model, experience=read_experience(taught)) if taught else model)
         self._answers: RunAnswers | None = None  # published by the sequencer, not yet evaluated
         self._due = '', 0  # the run to be evaluated, and how many of its targets are answered
         self._level, self._last = OK, 'no run yet'

@@ -4,6 +4,7 @@
 import math
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from math import hypot, isnan
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
@@ -252,6 +253,9 @@ def missing_words(one: MissingEffect) -> str:
     title, cause = title_of(one.name), one.cause
     if cause is None:
         return title
+    if one.learnt is not None:
+        known = replace(one, learnt=None)
+        return f'{missing_words(known)} [{experience_words(one)}]'
     if one.depth == 1:
         what = f'{moves_words(one)} ({chance(cause.probability)})'
         (likeliest, p), *_ = cause.laws
@@ -261,6 +265,14 @@ def missing_words(one: MissingEffect) -> str:
     place = '' if number is None else f', {"reading" if cause.number("reading") else "ball"} {number}'
     others = ''.join(f', or {title_of(name)} ({chance(p)})' for name, p in one.alternatives if not one.depth)
     return f'{title}{place} ({chance(cause.law_probability)}){others}'
+
+
+def experience_words(one: MissingEffect) -> str:
+    """Return which part of a probability is experience: 'in 7 of 9 earlier runs; this run alone: 62 %'."""
+    if one.learnt is None:
+        return ''
+    runs = f'in {one.learnt.expected:.0f} of {one.learnt.judged} earlier runs; ' if one.learnt.judged else ''
+    return f'{runs}this run alone: {chance(one.alone)}'
 
 
 def laws_words(cause: Cause, most: int = MOST_LAWS) -> str:

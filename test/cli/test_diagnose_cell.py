@@ -50,3 +50,26 @@ def test_the_same_run_twice_is_refused(refused, runs):
     """Its noise would count as that of two runs."""
     assert 'expected different runs, found the same ball centres in both' in refused('diagnose', runs[0], runs[0])
     assert 'expected one RUN with --check, found several' in refused('diagnose', *runs, '--check', runs[0])
+
+
+def test_six_runs_of_a_demo_are_diagnosed_together(rosette, tmp_path):
+    """As the README has it: one machine, so many runs, a command that names them."""
+    made = rosette('demo', '--offline', '--hidden', 7, '--balls', 6, '--runs', 3, '--output', tmp_path)
+    assert made.code == 0, made.err
+    logs = sorted(path for path in tmp_path.iterdir() if path.is_dir())
+    assert len(logs) == 3 and '3 runs of one machine' in made.out and all((one / 'envelope.json').exists()
+                                                                         for one in logs)
+    answer = rosette('diagnose', *logs)
+    assert answer.code == 0, answer.err
+
+
+def test_experience_of_another_table_is_refused_unless_asked_for(rosette, refused, runs, tmp_path):
+    """By the serial numbers of both."""
+    known, who = tmp_path / 'cell.yaml', tmp_path / 'identity.yaml'
+    known.write_text('schema: rosette-experience/1\ntable: T17\nruns: 6\ncauses:\n'
+                     '- {effect: frame_drift, rate: 0.8, in_runs: 5, judged_runs: 6}\n')
+    who.write_text('schema: rosette-identity/1\ntable: {serial: T18}\n')
+    words = ('evaluate', runs[0], '--identity', who, '--experience', known)
+    assert 'expected a run of table T17, of which 6 runs have taught the experience, found table T18' in refused(*words)
+    told = rosette(*words, '--any-cell')
+    assert told.code == 0 and 'in 5 of 6 earlier runs; this run alone: ' in ' '.join(told.out.split())

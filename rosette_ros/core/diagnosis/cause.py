@@ -11,6 +11,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.limits import SURE
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.model.experience import KnownCause
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.diagnosis.log_evidence import Place
@@ -102,9 +103,11 @@ class MissingEffect:
     setting, parameters: as fitted beside all that is claimed; moments: where its instants lie; cause: what moves with
     what, as far as the run tells, None of what is not said; is_there: the probability that the run has it, by its name;
     alternatives: names that the run cannot tell from it, each with the probability that it is there in its place;
-    together: the probability that one of all these is there; p: search-wide probability that noise does as well;
-    visible_fraction: what the order shows of it; before, after: rms of the residual, m, without it and with it, beside
-    what stands above it; time_unit: as of Run, that of times in setting and moments; claimed: whether it is said.
+    together: the probability that one of all these is there; learnt: what experience of the cell says of it, None
+    where it says nothing; alone: `together` without it, by this run alone; p: search-wide probability that noise does
+    as well; visible_fraction: what the order shows of it; before, after: rms of the residual, m, without it and with
+    it, beside what stands above it; time_unit: as of Run, that of times in setting and moments; claimed: whether it is
+    said.
     """
 
     name: str
@@ -121,6 +124,8 @@ class MissingEffect:
     p: float = np.nan
     visible_fraction: float = 1.0
     claimed: bool = True
+    learnt: KnownCause | None = None
+    alone: float = np.nan
 
     @property
     def depth(self) -> int:

@@ -116,9 +116,18 @@ class Claims:
     def named(self) -> tuple[MissingEffect, ...]:
         """The members that are claimed as effects."""
         named, members = self._search.posterior.named, self.chosen.members
-        return tuple(replace(named[one.name], setting=one.setting, cause=self._cause_of(one),
+        return tuple(replace(self._with_experience(named[one.name]), setting=one.setting, cause=self._cause_of(one),
                              p=self._p_of_member(members.index(one)), visible_fraction=shown(one))
                      for one in self.members)
+
+    def _with_experience(self, one: MissingEffect) -> MissingEffect:
+        """Return an effect with what experience of the cell says of it, or of a name that stands for it."""
+        experience = self._search.model.experience
+        every = (one.name, *one.look_alikes)
+        known = [experience.by_name[name] for name in every if name in experience.by_name] if experience else []
+        if not known:
+            return one
+        return replace(one, learnt=known[0], alone=self._search.posterior.alone.of(*every))
 
     @cached_property
     def unnamed(self) -> tuple[MissingEffect, ...]:

@@ -106,6 +106,12 @@ class Posterior:
                     out[more[0]] = out.get(more[0], 0.0) + p
         return out
 
+    @cached_property
+    def alone(self) -> 'Posterior':
+        """The same without what experience of the cell has added to the priors."""
+        return Posterior({key: (value - sum(family.learnt for family, _ in places), places)
+                          for key, (value, places) in self._looked.items()})
+
     def explanations(self, share: float = WHOLE) -> tuple[Explanation, ...]:
         """Return hypotheses, the likeliest first, until they have a share together."""
         total = np.cumsum([self.p[key] for key in self.keys])

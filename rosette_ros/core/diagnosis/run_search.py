@@ -46,7 +46,7 @@ class RunEvidence:
         if self.absent:
             self.base = self.fitted(self.given.noise, None)
         families = [one for one in families_of(run) if one.name != without]
-        self.bank = Bank(run, with_priors(families) if not self.is_noiseless else ())
+        self.bank = Bank(run, with_priors(families, experience=model.experience) if not self.is_noiseless else ())
         self.white = evidence_of(self.base, self.bank)
 
     @property

@@ -20,6 +20,7 @@ from rosette_ros.core.effects.free import OF, TIMES
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.joint.cell_rates import CellRates, is_event
 from rosette_ros.core.joint.run_causes import RunCauses, causes_in
+from rosette_ros.core.model.experience import Experience, KnownCause
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.axes import refuse_other_axes
@@ -188,6 +189,23 @@ def diagnose_cell(runs: Sequence[CellRun]) -> CellDiagnosis:
     hidden = tuple(name for name, effect in (effects_of(first) if first else {}).items()
                    if first and name in every and not why_not_judged(effect, first))
     return CellDiagnosis(tuple(one.name for one in runs), again, once, doubtful, hidden, rates)
+
+
+def experience_of(rates: CellRates, cell: str = '', table: str = '', cmm: str = '', begin: str = '',
+                  end: str = '') -> Experience:
+    """Return what the runs of a cell have taught; names and days as of Experience.
+
+    Causes are those that may be properties of it; what it never had comes as often as anywhere."""
+    again = [name for name in rates.candidates if rates.again(name) > LISTED]
+    each = [run.of_each(p) for run, p in zip(rates.runs, rates.posteriors)]
+    causes = []
+    for name in sorted(again, key=lambda one: -rates.again(one)):
+        size, spread = _typical(rates, name, ())
+        causes.append(KnownCause(
+            name, rates.rate(name), rates.again(name), sum(one.get(name, 0.0) for one in each),
+            sum(name not in run.silent for run in rates.runs), size, spread,
+            tuple((one.name, one.value, one.u) for one in _constants(rates, name))))
+    return Experience(tuple(causes), cell, table, cmm, len(rates.runs), begin, end)
 
 
 def statement_of(name: str) -> tuple[frozenset[str], frozenset[str]]:

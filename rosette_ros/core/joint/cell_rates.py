@@ -23,11 +23,11 @@ from rosette_ros.core.diagnosis.log_evidence import NEAR, SIZES
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.joint.run_causes import RunCauses
-from rosette_ros.core.run.records import Bools, Floats
+from rosette_ros.core.run.records import Bools, Floats, Ints
 
 COMES_AGAIN = 0.5
 """Share of the causes in runs that are a property of the cell."""
-SPREADS = 0.3, 1.0, 3.0
+SPREADS = 0.5, 1.0, 3.0
 """Standard deviations of the logarithm of the size of a property from run to run, of which each is as likely."""
 SAME = 0.9
 """Probability that a constant in a run is that of the cell: beside others it may be another one."""
@@ -122,9 +122,7 @@ class CellRates:
 
     def p(self, run: int, *names: str) -> float:
         """Return the probability that a run has one of some causes, in the cell."""
-        wanted = set(names)
-        return float(sum(p for some, p in zip(self.runs[run].hypotheses, self.posteriors[run].tolist())
-                         if not wanted.isdisjoint(some)))
+        return self.runs[run].of(names, self.posteriors[run])
 
     def common(self, name: str, what: str) -> tuple[Floats, Floats] | None:
         """Return values and probabilities of the typical 'size', m rms, or of a constant of a property, None where its
@@ -146,8 +144,7 @@ class CellRates:
             if p < STILL / 10:
                 break
             odds = now_and_then | dict(zip(one.names, one.log_odds[place].tolist()))
-            value = run.log_evidence + np.array([sum(odds[name] - run.log_prior[name] for name in names)
-                                                 for names in run.hypotheses])
+            value = run.log_evidence + run.total({name: odds[name] - prior for name, prior in run.log_prior.items()})
             weight = np.exp(value - value.max())
             out += p * weight / weight.sum()
         return np.asarray(out / out.sum())
@@ -175,7 +172,7 @@ class CellRates:
         if not known:
             return {}
         units = [one.unit for one in known]
-        typical = np.arange(math.log(min(units) * SIZES[0]), math.log(max(units) * SIZES[-1]), SPREADS[0])
+        typical = np.arange(math.log(min(units) * SIZES[0]), math.log(max(units) * SIZES[-1]), SPREADS[0] / 0.75)
         values, spread = np.tile(np.exp(typical), len(SPREADS)), np.repeat(SPREADS, len(typical))
         line = np.zeros((len(shapes), len(values)))
         for place, one in enumerate(shapes):
@@ -205,39 +202,41 @@ class CellRates:
         patterns, (runs, patterns), with even odds for these and no common size or constant, all other causes as
         elsewhere."""
         number = {name: k for k, name in enumerate(self.candidates)}
-        tables = list[dict[tuple[int, ...], float]]()
+        tables = list[tuple[Ints, Floats]]()
         for run in self.runs:
-            other = {name: 0.0 if name in number else math.log(self._elsewhere(name)) for name in run.log_prior}
-            table: dict[tuple[int, ...], float] = {}
-            for names, value in zip(run.hypotheses, run.log_evidence.tolist()):
-                key = tuple(sorted(number[name] for name in names if name in number))
-                value += sum(other[name] - run.log_prior[name] for name in names)
-                table[key] = float(np.logaddexp(table.get(key, -np.inf), value))
-            top = max(table.values())
-            tables.append({key: math.exp(value - top) for key, value in table.items()})
-        most = max(map(len, tables))
+            other = {name: (0.0 if name in number else math.log(self._elsewhere(name))) - prior
+                     for name, prior in run.log_prior.items()}
+            value = run.log_evidence + run.total(other)
+            bits = run.total({name: float(2**k) for name, k in number.items()}).astype(np.int64)
+            keys, row = np.unique(bits, return_inverse=True)
+            weight = np.exp(value - value.max())
+            tables.append((keys, np.asarray(np.bincount(row, weight, len(keys)), dtype=float)))
+        most = max(len(keys) for keys, _ in tables)
         member = np.zeros((len(tables), most, len(number)), dtype=bool)
         weight = np.zeros((len(tables), most))
-        for place, each in enumerate(tables):
-            for row, (key, value) in enumerate(each.items()):
-                member[place, row, list(key)] = True
-                weight[place, row] = value
+        for place, (keys, sums) in enumerate(tables):
+            member[place, :len(keys)] = keys[:, None] >> np.arange(len(number)) & 1
+            weight[place, :len(keys)] = sums
         return member, weight
 
     def _grown(self) -> list[CellHypothesis]:
         """Return the sets of properties that are visited."""
         found: dict[tuple[str, ...], CellHypothesis] = {(): self._hypothesis(())}
-        growing = [found[()]]
+        growing = [(found[()], self.candidates)]
         while growing:
-            some = dict[tuple[str, ...], CellHypothesis]()
-            for one in growing:
-                for name in self.candidates:
+            some = list[tuple[CellHypothesis, tuple[str, ...]]]()
+            for one, others in growing:
+                made = dict[str, CellHypothesis]()
+                for name in others:
                     names = tuple(sorted((*one.names, name)))
                     if name not in one.names and names not in found and len(names) <= MOST:
-                        found[names] = some[names] = self._hypothesis(names)
+                        found[names] = made[name] = self._hypothesis(names)
+                # what is worth nothing beside some is not asked for beside more of them
+                useful = tuple(name for name, each in made.items() if each.log_evidence > one.log_evidence - NEAR)
+                some += [(made[name], useful) for name in useful]
             best = max(one.log_evidence for one in found.values())
-            growing = sorted((one for one in some.values() if one.log_evidence > best - NEAR),
-                             key=lambda one: -one.log_evidence)[:BRANCHES]
+            growing = sorted((each for each in some if each[0].log_evidence > best - NEAR),
+                             key=lambda each: -each[0].log_evidence)[:BRANCHES]
         return list(found.values())
 
     def _hypothesis(self, names: tuple[str, ...]) -> CellHypothesis:
@@ -272,14 +271,15 @@ class _Propagation:
                         for name, values in one.items()} for one in every]
         messages = [{name: np.zeros_like(values) for name, values in one.items()} for one in every]
         before = np.full((runs, m), 0.5)
-        for _ in range(ROUNDS if m else 1):
+        for turn in range(ROUNDS if m else 1):
             cavity = [{name: self._cavity(self._prior[k][name], line) for name, line in one.items()}
                       for k, one in enumerate(messages)]
             there, absent = self._means(cavity)
             whole, with_it, without = self._sums(there, absent)
             fresh = [{name: self._message(k, name, cavity[k], there, absent, with_it, without, whole)
                       for name in one} for k, one in enumerate(messages)]
-            messages = [{name: (one[name] + old[name]) / 2 if m > 1 else one[name] for name in one}
+            # those that wander between look-alikes come to rest half way
+            messages = [{name: (one[name] + old[name]) / 2 if turn > 2 and m > 1 else one[name] for name in one}
                         for one, old in zip(fresh, messages)]
             now = there / (there + absent)
             if m and np.abs(now - before).max() < STILL:

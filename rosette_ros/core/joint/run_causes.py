@@ -18,7 +18,7 @@ from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Searched
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
-from rosette_ros.core.run.records import Floats
+from rosette_ros.core.run.records import Floats, Ints
 from rosette_ros.core.sight.bank import CauseFamily
 
 KEPT = 12.0
@@ -66,18 +66,41 @@ class RunCauses:
         return np.asarray(weight / weight.sum())
 
     @cached_property
-    def alone(self) -> dict[str, float]:
-        """The probability of each name by this run alone."""
-        out = dict.fromkeys(self.log_prior, 0.0)
-        for names, p in zip(self.hypotheses, self.p.tolist()):
-            for name in names:
-                out[name] += p
+    def names(self) -> tuple[str, ...]:
+        """All names of the hypotheses."""
+        return tuple(self.log_prior)
+
+    @cached_property
+    def members(self) -> Ints:
+        """The numbers of the members of each hypothesis among the names, (h, most), the number of names for none."""
+        number = {name: k for k, name in enumerate(self.names)}
+        most = max(map(len, self.hypotheses), default=0)
+        out = np.full((len(self.hypotheses), max(most, 1)), len(number))
+        for row, some in enumerate(self.hypotheses):
+            for place, name in enumerate(some):
+                out[row, place] = number[name]
         return out
 
-    def of(self, names: Iterable[str]) -> float:
-        """Return the probability that one of some names is there, by this run alone."""
-        wanted = set(names)
-        return float(sum(p for some, p in zip(self.hypotheses, self.p.tolist()) if not wanted.isdisjoint(some)))
+    def total(self, by_name: Mapping[str, float]) -> Floats:
+        """Return the sum of numbers of the members of each hypothesis, (h,); 0 for names that have none."""
+        values = np.array([*(by_name.get(name, 0.0) for name in self.names), 0.0])
+        return np.asarray(values[self.members].sum(axis=1))
+
+    def of_each(self, p: Floats) -> dict[str, float]:
+        """Return the probability of each name where the hypotheses have probabilities p, (h,)."""
+        width = self.members.shape[1]
+        sums = np.bincount(self.members.ravel(), np.repeat(p, width), len(self.names) + 1)
+        return dict(zip(self.names, sums.tolist()))
+
+    @cached_property
+    def alone(self) -> dict[str, float]:
+        """The probability of each name by this run alone."""
+        return self.of_each(self.p)
+
+    def of(self, names: Iterable[str], p: Floats | None = None) -> float:
+        """Return the probability that one of some names is there; p: (h,) of the hypotheses, by this run alone if None.
+        """
+        return float((self.p if p is None else p)[self.total(dict.fromkeys(names, 1.0)) > 0].sum())
 
     def odds(self, name: str) -> float:
         """Return the factor by which the run changes the odds of a cause; 1 where it says nothing."""

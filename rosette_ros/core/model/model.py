@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from rosette_ros.core.effects.composed import LAWS, effect
 from rosette_ros.core.effects.custom import CustomTerm
 from rosette_ros.core.effects.effect import Effect, Setting
+from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.run.errors import InvalidModel, kind_of, unknown_name
 
 SCHEMA = 'rosette-model/1'
@@ -72,15 +73,17 @@ class Term:
 class Model:
     """Base terms (some of BASE_TERMS), effects and what the noise may be; prints itself as a sum.
 
-    noise: some of NOISE_TERMS, none for white noise; repeated allows an effect of which nothing is searched to stand
-    more than once with the same fixed parameters. Raises InvalidModel where it does without, and for an unknown base
-    term or setting.
+    noise: some of NOISE_TERMS, none for white noise; experience: what earlier runs of the cell have taught of what the
+    model may lack, None where nothing is known, no part of model files and of the hash; repeated allows an effect of
+    which nothing is searched to stand more than once with the same fixed parameters. Raises InvalidModel where it does
+    without, and for an unknown base term or setting.
     """
 
     base: tuple[str, ...] = BASE_TERMS
     terms: tuple[Term, ...] = ()
     repeated: bool = False
     noise: tuple[str, ...] = NOISE_TERMS
+    experience: Experience | None = None
 
     def __post_init__(self) -> None:
         for part, known in (('noise', NOISE_TERMS), ('base', BASE_TERMS)):

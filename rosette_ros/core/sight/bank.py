@@ -56,12 +56,14 @@ class CoordinateSpace(JointSpace):
 
 @dataclass(eq=False)
 class CauseFamily:
-    """All settings of an effect, or of a free course of some variables; log_prior: that a run has it."""
+    """All settings of an effect, or of a free course of some variables; log_prior: that a run has it; learnt: what
+    experience of the cell has added to that."""
 
     effect: Effect
     name: str
     settings: tuple[Setting, ...]
     log_prior: float = 0.0
+    learnt: float = 0.0
 
     @property
     def is_free(self) -> bool:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.sight.bank import CauseFamily
 
 EXPECTED = 2.0
@@ -23,10 +24,12 @@ SEARCHED = 1.0
 """Each number that has to be searched makes a cause rarer by e: so many particular things are seldom true."""
 
 
-def with_priors(families: Sequence[CauseFamily], seen: float = SEEN) -> Sequence[CauseFamily]:
+def with_priors(families: Sequence[CauseFamily], seen: float = SEEN,
+                experience: Experience | None = None) -> Sequence[CauseFamily]:
     """Share the expected effects out over the families of a run, and return these.
 
-    seen: share of the effects that are meant, 1 for those of any size."""
+    seen: share of the effects that are meant, 1 for those of any size; experience: of the cell, whose odds take the
+    place of those of any cell where it knows a cause."""
     free = A_FREE if any(family.is_free for family in families) else 0.0
     for is_free in (False, True):
         some = [family for family in families if family.is_free == is_free]
@@ -35,4 +38,7 @@ def with_priors(families: Sequence[CauseFamily], seen: float = SEEN) -> Sequence
         share = EXPECTED * seen * (free if is_free else 1 - free)
         for family, own in zip(some, weight / weight.sum() if len(some) else ()):
             family.log_prior = math.log(share * own)
+            if experience and (known := experience.by_name.get(family.name)):
+                family.learnt = math.log(known.rate / (1 - known.rate)) - family.log_prior
+                family.log_prior += family.learnt
     return families

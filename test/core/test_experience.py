@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Experience of a cell as the prior of its next run."""
+
+import pytest
+
+from rosette_ros.core.diagnosis.diagnosis import find, search_of
+from rosette_ros.core.joint.cell_diagnosis import experience_of
+from rosette_ros.core.joint.cell_rates import CellRates
+from rosette_ros.core.joint.run_causes import causes_in
+from rosette_ros.core.model.experience import Experience, KnownCause
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.verdict_words import missing_words
+
+KNOWN = Experience((KnownCause('frame_drift', 0.9, 0.99, 7.0, 9),), runs=9)
+
+
+def measured(rate, seed=5):
+    """Return a run of 8 balls of a machine whose probe drifts at a rate, um per h."""
+    hidden = [{'kind': 'frame_drift', 'rate_um_per_h': [rate, 0.0, 0.6 * rate]}] if rate else []
+    machine = Machine(MachineConfig().changed(seed=seed, plate={'balls': 8}, hidden=hidden))
+    return machine.run(plan(8, 'interleaved', seed))
+
+
+def test_a_weak_cause_that_the_cell_has_is_likelier_and_told_with_its_part():
+    """The probability of this run alone is that without experience, and the verdict says so."""
+    run = measured(0.5)
+    before, after = (search_of(run, model).posterior for model in (Model(), Model(experience=KNOWN)))
+    assert after.of('frame_drift') > before.of('frame_drift')
+    assert after.alone.of('frame_drift') == pytest.approx(before.of('frame_drift'), abs=0.05)
+    strong = find(measured(2.0), Model(experience=KNOWN)).verdict.missing
+    drift, = [one for one in strong if one.name == 'frame_drift']
+    assert drift.learnt is KNOWN.causes[0]
+    assert '[in 7 of 9 earlier runs; this run alone: 9' in missing_words(drift)
+
+
+def test_a_cause_that_the_cell_never_had_is_found_as_before():
+    """Experience of another cause changes its log evidence by nothing."""
+    run = measured(2.0)
+    other = Experience((KnownCause('plate_warp', 0.5, 0.9, 5.0, 9),))
+    before, after = (search_of(run, model).posterior for model in (Model(), Model(experience=other)))
+    key = ('frame_drift',), ()
+    assert after.log_evidence(key) == before.log_evidence(key)
+
+
+def test_no_experience_changes_nothing():
+    """Not even the name of the model."""
+    assert Model(experience=KNOWN).hash == Model().hash and Model().experience is None
+
+
+def test_what_runs_teach():
+    """Three runs of a cell that drifts: its rate, and in how many runs it was."""
+    runs = [causes_in(search_of(measured(2.0, seed))) for seed in (1, 2, 3)]
+    taught = experience_of(CellRates(runs), 'cell1', 'T1')
+    drift = taught.by_name['frame_drift']
+    assert drift.again > 0.9 and drift.expected > 2.9 and drift.judged == 3 and 0.5 < drift.rate < 1
+    assert taught.runs == 3 and (taught.cell, taught.table) == ('cell1', 'T1')
+    assert 0 < drift.size < 5e-6
