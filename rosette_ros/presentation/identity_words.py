@@ -28,6 +28,15 @@ def identity_rows(identity: Identity, contradictions: Sequence[str] = ()) -> lis
     return [row for row in rows if row[1]]
 
 
+def who_words(identity: Identity) -> str:
+    """Return in a line which table, of which laboratory for which customer, '' where none of it is stated."""
+    table = ' '.join(filter(None, (identity['table.maker'], identity['table.model'])))
+    serial = f'No. {identity["table.serial"]}' if identity['table.serial'] else ''
+    parts = (('Rotary table', ', '.join(filter(None, (table, serial)))), ('laboratory', identity['laboratory.name']),
+             ('customer', identity['customer.name']))
+    return '; '.join(f'{name} {words}' for name, words in parts if words)
+
+
 def conditions(identity: Identity) -> list[tuple[str, str]]:
     """Return the conditions of measurement that no reading tells, as (name, text), '' for one that is not stated."""
     return [(f'{words[0].upper()}{words[1:]}', identity[f'conditions.{name}'])

@@ -179,6 +179,32 @@ def test_the_report_is_three_pages(printed):
     assert [number for number, sheet in enumerate(sheets, 1) if 'Annex A:' in sheet.text] == [4] * (kind == 'annexed')
 
 
+def test_figures_are_seen_closer_where_scripts_run(tab, tmp_path):
+    """By a double click, moved by dragging, whole again by another one and on paper."""
+    (tmp_path / 'report.html').write_text(html_of('three'), 'utf-8')
+    tab.goto((tmp_path / 'report.html').as_uri())
+    assert 'A double click' in tab.inner_text('header')
+
+    def box():
+        return [float(one) for one in tab.get_attribute('#figure-curves svg', 'viewBox').split()]
+    whole = box()
+    paper = 'dispatchEvent(new Event("beforeprint"))'
+    ends = [lambda: tab.dblclick('#figure-curves svg'), lambda: tab.evaluate(paper)]
+    for end in ends:
+        tab.dblclick('#figure-curves svg')
+        closer = box()
+        assert abs(closer[2] - whole[2] / 3) < 0.1 and closer[0] > whole[0] and closer[1] > whole[1]
+        end()
+        assert box() == whole
+    tab.dblclick('#figure-curves svg')
+    before, middle = box(), tab.locator('#figure-curves svg').bounding_box()
+    tab.mouse.move(middle['x'] + 200, middle['y'] + 100)
+    tab.mouse.down()
+    tab.mouse.move(middle['x'] + 100, middle['y'] + 100)
+    tab.mouse.up()
+    assert box()[0] > before[0] and box()[2] == before[2]
+
+
 def test_other_pages_stand_alone_too(printed):
     """A run with gaps and wrong readings, and a verification."""
     kind, _, sheets = printed

@@ -12,6 +12,7 @@ from summaries import summary_of
 from rosette_ros.analysis import Summary, summarise
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import Source, open_source, report_html
@@ -135,10 +136,11 @@ def test_tables_of_the_page_name_what_their_rows_are_of():
 
 
 def test_nothing_on_a_page_comes_from_elsewhere(page):
-    """No script, no handler, no link, no picture, no font that is not on the page itself."""
+    """No script, no handler, no link, no picture, no font that is not on the page itself; its script is its own."""
     read = Page(page)
     tags = {tag for tag, _ in read.elements}
-    assert not tags & {'script', 'link', 'iframe', 'object', 'embed', 'img', 'base', 'form'}
+    assert [found for tag, found in read.elements if tag == 'script'] in ([], [{}])
+    assert not tags & {'link', 'iframe', 'object', 'embed', 'img', 'base', 'form'}
     for value in read.values('src', 'href', 'xlink:href', 'srcset', 'action'):
         assert value.startswith(('#', 'data:image/png;base64,'))
     assert not any(name.startswith('on') for _, found in read.elements for name in found)
@@ -183,7 +185,8 @@ def test_a_name_is_a_name_whatever_stands_in_it(name):
     read = Page(page)
     assert name in read.texts['']
     assert name in read.texts['conditions']
-    assert not {'script', 'img'} & {tag for tag, _ in read.elements}
+    tags = [tag for tag, _ in read.elements]
+    assert tags.count('script') == 1 and 'img' not in tags and 'alert(1)' not in page.rpartition('<script>')[2]
 
 
 def test_a_report_that_cannot_be_written(tmp_path):
@@ -204,3 +207,28 @@ def test_runs_without_repeatability_temperature_or_complete_grid_are_reported_to
     assert 'Repeatabilitynot known' in text
     assert 'Temperaturenot recorded' in text
     assert '61 of 64 ball centres' in text
+
+
+def test_points_of_the_curves_say_their_values():
+    """Angle, value and U of each of n + 1 points of six curves, as titles, which need no script."""
+    summary = summary_of('clean')
+    page = report_html(summary)
+    titles = re.findall(r'<use [^>]*><title>([^<]*)</title></use>', page)
+    assert len(titles) == 6 * (summary.run.n + 1)
+    motions = summary.fit.error_motions
+    first = next(one for one in titles if ': ctx at 0°: ' in one)
+    value, u = (float(one.replace('−', '-')) for one in re.search(r': (\S+) µm, U (\S+) µm', first).groups())
+    assert abs(value - 1e6 * motions['ctx'][0]) < 0.01 and abs(u - 2e6 * motions.uncertainty('ctx')[0]) < 0.01
+
+
+def test_the_first_page_says_of_which_table_it_is():
+    """With laboratory and customer, and each decision on a tolerance in its colour."""
+    identity = parse_identity(b'schema: rosette-identity/1\ntable: {maker: M, model: RT, serial: "7"}\n'
+                              b'laboratory: {name: L}\ncustomer: {name: C}\n'
+                              b'tolerances: {EXC: 50 um, EYC: 1 nm, EZC: 0.6 um}')
+    page = report_html(summary_of('clean'), Source('', (), identity=identity))
+    assert '<b>Rotary table M RT, No. 7; laboratory L; customer C</b>' in page
+    rows = re.findall(r'<tr class="row (\w+)"><td>(\w+) ', page.partition('id="table-errors"')[2])
+    assert ('good', 'ctx') in rows
+    assert '#table-errors tr.row td:last-child { color: var(--level)' in page
+    assert 'dotted: tolerances' in page and 'dotted' not in report_html(summary_of('clean'))

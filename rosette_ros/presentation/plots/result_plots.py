@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The results of a run: six error motions, as in Figure 5 of Kniel et al. (2019); deviations of plate and CMM."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import AxisError, error_lines, once_per_turn
 from rosette_ros.presentation.formatting import clamping_words, curve_scales, iso_name
 from rosette_ros.presentation.plots import plot_style as style
-from rosette_ros.words.effect_words import fixed
+from rosette_ros.words.effect_words import decimals, exact, fixed
 
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
 MEANING = {'ctx': 'radial in x', 'cty': 'radial in y', 'ctz': 'axial', 'crx': 'tilt about x',
@@ -58,10 +58,12 @@ class Extra:
 
 
 def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None = None,
-               extras: Sequence[Extra] = ()) -> Figure:
+               extras: Sequence[Extra] = (), limits: Mapping[str, float] | None = None) -> Figure:
     """Return a figure of six panels, µm and the unit of angles over degrees, with bands of U (k = 2).
 
-    series: the first on top; truth: (n, 6), m and rad, at the angles of the first; extras: lines of single panels.
+    series: the first on top; truth: (n, 6), m and rad, at the angles of the first; extras: lines of single panels;
+    limits: tolerances of the ranges, m and rad, by curve: lines about the middle of the first one, but for tolerances
+    that are WIDE times as wide as the panel.
     """
     labels = [style.label_of(one.label) for one in series] + ['truth of the simulated machine'] * (truth is not None)
     made, grid = _empty_panels(heading, series[0].motions.rotation)
@@ -76,6 +78,8 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
         for one, look in zip([one for one in extras if one.curve == curve], EXTRA_LOOKS, strict=False):
             known[style.label_of(one.label)] = panel.plot(
                 *closed(series[0].motions.angle, one.value, curve), **{**TRUE_LOOK, **look})[0]
+        if limits and curve in limits:
+            _draw_tolerance(panel, series[0].motions, curve, limits[curve])
     if panel.collections:
         words = '' if are_all_drawn else '; much wider ones are not drawn'
         known[f'bands: U (k = {COVERAGE_FACTOR}){words}'] = Patch(color=style.GREY, alpha=0.25, linewidth=0)
@@ -105,7 +109,31 @@ def _draw(panel: Axes, one: Series, curve: str, place: int, is_banded: bool) -> 
     if is_banded:
         spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve), curve)[1]
         panel.fill_between(angle, value - spread, value + spread, color=look['color'], alpha=0.2, linewidth=0)
-    return panel.plot(angle, value, linewidth=1.3, markersize=3.5, zorder=4 - 0.1 * place, **look)[0]
+    return panel.plot(angle, value, linewidth=1.3, markersize=3.5, zorder=4 - 0.1 * place, gid=f'{curve}-{place}',
+                      **look)[0]
+
+
+def values_of_points(series: Sequence[Series]) -> dict[str, list[str]]:
+    """Return what the points of six_curves are, in words, by the name of the line: 'ctx at 30°: 0.52 µm, U 0.21 µm'."""
+    found = {}
+    for place, one in enumerate(series):
+        for curve, scale in zip(CURVES, curve_scales(), strict=True):
+            angle, value = closed(one.motions.angle, one.motions[curve], curve)
+            spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve), curve)[1]
+            found[f'{curve}-{place}'] = [
+                f'{one.label}: {curve} at {exact(degrees, 2)}°: {fixed(size, decimals(u))} {scale.unit}, '
+                f'U {fixed(u, decimals(u))} {scale.unit}'
+                for degrees, size, u in zip(angle.tolist(), value.tolist(), spread.tolist(), strict=True)]
+    return found
+
+
+def _draw_tolerance(panel: Axes, motions: ErrorMotions, curve: str, limit: float) -> None:
+    """Draw a tolerance as two lines about the middle of a curve, but for one that is far beyond the panel."""
+    _, value = closed(motions.angle, motions[curve], curve)
+    middle, wide = (value.max() + value.min()) / 2, curve_scales()[CURVES.index(curve)].factor * limit
+    low, high = panel.get_ylim()
+    for side in (-1, 1) if wide <= WIDE * (high - low) else ():
+        panel.axhline(middle + side * wide / 2, color=style.INK, linewidth=1.1, linestyle=':')
 
 
 def _are_drawn(series: Sequence[Series], curve: str) -> list[bool]:

@@ -25,10 +25,16 @@ from rosette_ros.io.model_file import format_model
 from rosette_ros.io.reading_checks import known_temperatures, remark_on_temperature
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, budget_tables
-from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer
+from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer, who_words
 from rosette_ros.presentation.plots import comparison_plots, plan_plots, residual_plots, touch_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals
-from rosette_ros.presentation.plots.result_plots import Series, deviations, polar_motions, six_curves
+from rosette_ros.presentation.plots.result_plots import (
+    Series,
+    deviations,
+    polar_motions,
+    six_curves,
+    values_of_points,
+)
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
 from rosette_ros.presentation.table_format import Table
@@ -71,12 +77,14 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     return PAGES.get_template('report.html.j2').render(
         summary=summary, verdict=verdict_text(summary.verdict), source=source, iso=text.iso_range(run.rotation),
         headline=HEADLINES[summary.verdict.outcome], command=command,
-        compared=comparison_words(summary.comparison), pictures=inline_svgs(pictures), k=COVERAGE_FACTOR,
+        compared=comparison_words(summary.comparison), k=COVERAGE_FACTOR,
+        pictures=inline_svgs(pictures, {'curves': values_of_points(series_of(summary, result, overlays))}),
         advised=advice_words(summary.advice) if summary.advice else '',
         result=result, cross_validation=text.CROSS_VALIDATION,
         tables=shown_tables(summary, identity, result), budget=made,
         not_considered=not_considered(made) if made else (), spheres=sphere_rows(refit) if refit else (),
         identity=identity_rows(identity, source.contradictions if source else ()), signer=signer(identity),
+        who=who_words(identity),
         measured=conditions(summary, source), unknown=[
             *unknowns(summary, result), *untouched, *([] if identity.entries else [NOTHING])],
         judged=text.model_words(summary.model), simulated=SIMULATED * run.simulated,
@@ -113,9 +121,9 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), result: RunRe
     run, result = summary.run, result or summary.result
     fits, made, refit, main = fits_of(summary, result), result.budget, result.refit, result.curves.motions
     rows = [Residuals(label, run, fit.residual) for label, fit in fits]
-    every = [result.curves, *([result.beside] if result.beside else [])]
-    series = [*(Series(label, one.motions) for (label, _), one in zip(reversed(fits), every)), *overlays]
-    pages = {'curves': six_curves(series), 'residual_maps': residual_plots.residual_maps(rows)}
+    limits = source.identity.limits(run.rotation) if source else {}
+    pages = {'curves': six_curves(series_of(summary, result, overlays), limits=limits),
+             'residual_maps': residual_plots.residual_maps(rows)}
     if source and (steps := way_of(run, summary.model, source)):
         pages['way'] = plan_plots.way_to_the_cause(steps, source.until)
     if not annexed:
@@ -137,6 +145,13 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), result: RunRe
         **({} if run.is_complete else {'uncertainty': plan_plots.uncertainty_by_share(run.n, [_point(run)])}),
         'visibility': _visibility(summary),
         **({'touch_residuals': touch_plots.touch_residuals(refit)} if refit else {})}
+
+
+def series_of(summary: Summary, result: RunResult, overlays: Sequence[Series] = ()) -> list[Series]:
+    """Return the curves that are drawn, the result first, with those of other runs."""
+    every = [result.curves, *([result.beside] if result.beside else [])]
+    fits = reversed(fits_of(summary, result))
+    return [*(Series(label, one.motions) for (label, _), one in zip(fits, every)), *overlays]
 
 
 def way_of(run: Run, model: Model, source: Source) -> tuple[SettlingStep, ...]:
