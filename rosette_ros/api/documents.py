@@ -12,8 +12,8 @@ from rosette_ros.api.measurement import model_of, read, several, stated_inputs
 from rosette_ros.api.result import loaded
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.io.budget_file import read_stated
-from rosette_ros.io.identity_file import Identity, read_identity
+from rosette_ros.io.budget_file import read_stated, refuse_examples
+from rosette_ros.io.identity_file import Identity, folder_of, read_identity
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_output, write_bytes, write_text
 from rosette_ros.requirements import install_command
@@ -61,10 +61,11 @@ def certify(runs: Any, path: str | Path, model: ModelLike = None, *, identity: s
         known, known['certificate.date'] or date.today().isoformat(),
         None if model is None else model_of(model).to_mapping(), every[0].run_id, is_joint,
         read_sharing(share, len(every)) if is_joint else {}, read_stated(inputs, environment))
+    refuse_examples(asked.budget, str(inputs))
     made = statements.state([one.path for one in every], asked)
     data = dcc.to_xml(made)
-    pages = (loaded('rosette_ros.certificate.pages', 'certificate', install).to_pdf(made, data, Path(path).name)
-             if pdf else b'')
+    pages = (loaded('rosette_ros.certificate.pages', 'certificate', install).to_pdf(
+        made, data, Path(path).name, folder_of(identity)) if pdf else b'')
     write_bytes(path, data, force)
     if pdf:
         write_bytes(pdf, pages, force)

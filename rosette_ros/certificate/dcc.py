@@ -12,7 +12,18 @@ import numpy as np
 from lxml import etree
 from lxml.builder import ElementMaker
 
-from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, CurveSet, Inputs, Measured, release
+from rosette_ros.certificate.statements import (
+    COMPENSATED,
+    DOI,
+    METHOD,
+    PAPER,
+    Certificate,
+    CurveSet,
+    Inputs,
+    Measured,
+    release,
+)
+from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats
 from rosette_ros.core.uncertainty.budget_lines import Contribution
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
@@ -24,6 +35,7 @@ from rosette_ros.presentation.budget_results import NOTE
 from rosette_ros.presentation.error_results import SAID
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions
 from rosette_ros.words.budget_words import not_considered
+from rosette_ros.words.effect_words import setting_words, words_of
 
 DCC, SI, OWN = 'https://ptb.de/dcc', 'https://ptb.de/si', 'urn:rosette:certificate:1'
 SCHEMA = '3.3.0'
@@ -31,6 +43,8 @@ MICRO = {'m': r'\micro\metre', 'rad': r'\micro\radian'}
 UNITS = {'m': r'\metre', 'rad': r'\radian', 'K': r'\kelvin', '1/K': r'\kelvin\tothe{-1}',
          'm/K': r'\metre\kelvin\tothe{-1}'}
 """Units of inputs of the budget."""
+BASE = {'m': r'\metre', 'rad': r'\radian', 's': r'\second', 'K': r'\kelvin'}
+"""Of the parameters of effects."""
 NEARLY_NORMAL = 0.945
 """Probability of U from which on its distribution is stated as normal: 29 degrees of freedom and more."""
 STATUS = {Conformity.CONFORMS: 'pass', Conformity.FAILS: 'fail'}
@@ -189,7 +203,8 @@ def _result(one: Certificate, curves: CurveSet) -> Element:
         _dcc('results', _curves(curves), _dcc(
             'result', _named('error motions after ISO 230-7'), _dcc('data', *(
                 _error(line, curves.probability, one.beside_conformity) for line in curves.lines)),
-            refType='rosette_iso_230_7'), *([_budget(one.budget)] if one.budget else [])),
+            refType='rosette_iso_230_7'), *([_compensated(one, curves.probability)] if one.compensated else []),
+            *([_budget(one.budget)] if one.budget else [])),
         _dcc('measurementMetaData', *(_dcc('metaData', _named(name), _rich('declaration', words))
                                       for name, words in one.evaluation),
              *(_dcc('metaData', _named('measured data'), _dcc('reference', file.path), _dcc('data', _rich(
@@ -241,6 +256,36 @@ def _error(line: AxisError, probability: float, beside: str) -> Element:
                 *quantity('range of the residual synchronous error motion', 'residual', line.residual),
                 *quantity('asynchronous error motion value (width)', 'asynchronous', line.asynchronous, wide),
                 refType=f'rosette_line_{line.curve}')
+
+
+def _compensated(one: Certificate, probability: float) -> Element:
+    """Return the effects in the model, which the curves do not contain: a list for each, with its parameters and U."""
+    return _dcc('result', _named(COMPENSATED), _dcc('data', *(_dcc(
+        'list', _named(words_of(effect.name)),
+        *([_rich('description', words)] if (words := setting_words(
+            effect.name, effect.setting, [each.name for each in effect.parameters], time=one.time_unit)) else []),
+        *(_parameter(each, probability) for each in effect.parameters), refType='rosette_effect')
+        for effect in one.compensated)), refType='rosette_effects')
+
+
+def _parameter(one: Parameter, probability: float) -> Element:
+    unit, factor = unit_of(one.unit)
+    per = ' per reading' if 'reading' in one.unit else ''
+    return _quantity(f'{one.name}{per}', 'rosette_parameter', factor * one.value, unit,
+                     factor * COVERAGE_FACTOR * one.u, probability)
+
+
+def unit_of(si: str) -> tuple[str, float]:
+    """Return an SI unit such as m/s^2 as D-SI writes it, lengths and angles in micrometres and microradians, and the
+    factor to it. A count, as of readings, is no unit."""
+    powers: list[tuple[str, int]] = []
+    for place, part in enumerate(si.split('/')):
+        name, _, power = part.partition('^')
+        if name in BASE:
+            powers.append((BASE[name], (1 if place == 0 else -1) * int(power or 1)))
+    is_small = bool(powers) and powers[0] in ((r'\metre', 1), (r'\radian', 1))
+    words = ''.join(name + f'\\tothe{{{power}}}' * (power != 1) for name, power in powers)
+    return (r'\micro' * is_small + words) or r'\one', 1e6 if is_small else 1.0
 
 
 def _budget(made: Budget) -> Element:

@@ -2,10 +2,13 @@
 """A certificate for people: pages of PDF with the XML attached."""
 
 import io
+import re
 import unicodedata
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
-from html import escape
+from html import escape, unescape
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -17,27 +20,44 @@ from reportlab.lib import colors
 from reportlab.lib.pagesizes import A4
 from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
+from reportlab.lib.utils import ImageReader
 from reportlab.pdfbase import pdfmetrics
 from reportlab.pdfbase.ttfonts import TTFont
-from reportlab.platypus import Flowable, KeepTogether, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle
+from reportlab.platypus import (
+    Flowable,
+    KeepTogether,
+    PageBreak,
+    Paragraph,
+    SimpleDocTemplate,
+    Spacer,
+    Table,
+    TableStyle,
+)
 
-from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, CurveSet, Measured
+from rosette_ros.certificate.statements import COMPENSATED, DOI, METHOD, PAPER, Certificate, CurveSet, Measured
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.uncertainty.error_summary import Conformity
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
-from rosette_ros.io.identity_file import DEVICES
+from rosette_ros.io.identity_file import DEVICES, PICTURES
+from rosette_ros.io.text_file import read_limited
 from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.formatting import curve_units, glued
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions, contact, signer
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.tables import curves as values_of
+from rosette_ros.presentation.tables import effects
 from rosette_ros.words.budget_words import not_considered
 
 PLAIN, BOLD = 'DejaVu Sans', 'DejaVu Sans Bold'
 SIZE, HEAD, TITLE = 8.0, 9.5, 15.0
 SIDE, TOP, FOOT, PADDING = 16 * mm, 17 * mm, 15 * mm, 6
+ROOM = 45 * mm, 16 * mm
+"""Width and height of the logo and of the accreditation mark on the first page."""
+FEW, SECTIONS, MOST_BYTES = 0.22, 3, 4 << 20
+"""A page that is filled to less of its height has only a few lines; so many of the last sections may begin one, so
+that it does not; the size of a picture."""
 """Margins, and what reportlab leaves free within them, points."""
 WIDTH = A4[0] - 2 * SIDE
 INK, SOFT, LINE, RED = (colors.HexColor(one) for one in ('#000000', '#555555', '#bbbbbb', '#a33c00'))
@@ -67,15 +87,30 @@ class FigurePlace(Flowable):  # type: ignore[misc]  # reportlab has no types
         self.x, self.y = self.canv.absolutePosition((WIDTH - self.width) / 2, 0)
 
 
-def to_pdf(certificate: Certificate, data: bytes, name: str) -> bytes:
-    """Return the pages as PDF; data, name: of the XML, which is attached."""
+class Pages(SimpleDocTemplate):  # type: ignore[misc]
+    """Pages of which is known how far each is filled: used, points by page."""
+
+    used: dict[int, float]
+
+    def afterFlowable(self, flowable: Flowable) -> None:
+        """Take note of it; reportlab calls this."""
+        if self.frame is not None:  # between two pages
+            self.used[self.page] = self.frame._y2 - self.frame._y
+
+
+def to_pdf(certificate: Certificate, data: bytes, name: str, folder: Path = Path()) -> bytes:
+    """Return the pages as PDF; data, name: of the XML, which is attached; folder: of the pictures that the identity
+    names. Raises InvalidData where one of these cannot be read."""
     _fonts()
+    head = Head.of(certificate, folder)
     figures = [six_curves([Series(one.words, one.motions)], '' if len(certificate.sets) == 1 else one.words)
                for one in certificate.sets]
-    tried = {share: _built(certificate, figures, share, 0)[2] for share in WIDTHS}
-    share = next((share for share, pages in tried.items() if pages <= 1 + len(figures)), WIDTHS[0])
+    tried = {share: len(_built(certificate, head, figures, share).used) for share in WIDTHS}
+    share = min(tried, key=tried.__getitem__)
     pages = tried[share]
-    data_of_pages, places, _ = _built(certificate, figures, share, pages)
+    behind = min(range(-1, SECTIONS), key=lambda place: _built(certificate, head, figures, share, behind=place).cost)
+    built = _built(certificate, head, figures, share, pages, behind)
+    data_of_pages, places = built.data, built.places
     writer = PdfWriter(clone_from=io.BytesIO(data_of_pages))
     for figure, place in zip(figures, places, strict=True):
         drawn = PdfReader(io.BytesIO(_drawn(figure))).pages[0]
@@ -88,18 +123,59 @@ def to_pdf(certificate: Certificate, data: bytes, name: str) -> bytes:
     return out.getvalue()
 
 
-def _built(certificate: Certificate, figures: Sequence[Figure], share: float, pages: int,
-           ) -> tuple[bytes, list[FigurePlace], int]:
-    """Return the pages without figures, where these belong, and how many pages it is; pages: their number, if known."""
+@dataclass(frozen=True)
+class Built:
+    """Pages without figures, where these belong, and how far each page is filled, points."""
+
+    data: bytes
+    places: list[FigurePlace]
+    used: tuple[float, ...]
+
+    @property
+    def cost(self) -> tuple[int, int]:
+        """How many pages it is, and how many of them have only a few lines."""
+        return len(self.used), sum(one < FEW * A4[1] for one in self.used)
+
+
+@dataclass(frozen=True)
+class Head:
+    """Pictures of the head of the pages, None where none is stated: its room stays free."""
+
+    logo: ImageReader | None = None
+    mark: ImageReader | None = None
+
+    @classmethod
+    def of(cls, certificate: Certificate, folder: Path) -> 'Head':
+        """Return what an identity names; raises InvalidData where it is no picture."""
+        return cls(*(_picture(folder / words) if (words := certificate.identity[entry]) else None
+                     for entry in PICTURES))
+
+
+def _picture(path: Path) -> ImageReader:
+    try:
+        made = ImageReader(io.BytesIO(read_limited(path, 'a picture', MOST_BYTES)))
+        made.getRGBData()
+    except InvalidData:
+        raise
+    except Exception as error:  # whatever a library of pictures raises
+        raise InvalidData(f'{path}: expected a picture (PNG, JPEG), found something else') from error
+    return made
+
+
+def _built(certificate: Certificate, head: Head, figures: Sequence[Figure], share: float, pages: int = 0,
+           behind: int = -1) -> Built:
+    """Return the pages; share: of the width that figures take; pages: their number, if known; behind: which of the
+    last sections begins a page, -1 for none."""
     width = share * WIDTH
     places = [FigurePlace(width, width * figure.get_figheight() / figure.get_figwidth()) for figure in figures]
     stream = io.BytesIO()
-    made = SimpleDocTemplate(stream, pagesize=A4, leftMargin=SIDE - PADDING, rightMargin=SIDE - PADDING,
-                             topMargin=TOP, bottomMargin=FOOT, title=f'Certificate {_number(certificate)}',
-                             author=certificate.identity['laboratory.name'], invariant=1)
-    frame = partial(_frame, certificate=certificate, pages=pages)
-    made.build(_flowables(certificate, places), onFirstPage=frame, onLaterPages=frame)
-    return stream.getvalue(), places, made.page
+    made = Pages(stream, pagesize=A4, leftMargin=SIDE - PADDING, rightMargin=SIDE - PADDING,
+                 topMargin=TOP, bottomMargin=FOOT, title=f'Certificate {_number(certificate)}',
+                 author=certificate.identity['laboratory.name'], invariant=1)
+    made.used = {}
+    frame = partial(_frame, certificate=certificate, head=head, pages=pages)
+    made.build(_flowables(certificate, places, behind), onFirstPage=frame, onLaterPages=frame)
+    return Built(stream.getvalue(), places, tuple(made.used.values()))
 
 
 @cache
@@ -116,24 +192,41 @@ def _drawn(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
-def _frame(canvas: Any, document: Any, certificate: Certificate, pages: int) -> None:
-    """Draw head and foot of a page."""
+def _frame(canvas: Any, document: Any, certificate: Certificate, head: Head, pages: int) -> None:
+    """Draw the head of a page: number and page, pictures on the first one, and whether it was simulated."""
+    right, line = A4[0] - SIDE, A4[1] - 11 * mm
     canvas.setFont(PLAIN, SIZE)
     canvas.setFillColor(SOFT)
-    foot = f'Calibration certificate {_number(certificate)}'
-    canvas.drawString(SIDE, 8 * mm, _known(foot)[:110])
-    canvas.drawRightString(A4[0] - SIDE, 8 * mm, f'page {document.page} of {pages}')
+    words = _fitting(_known(f'Calibration certificate {_number(certificate)}'), 0.55 * WIDTH)
+    canvas.drawString(SIDE, line, words)
+    canvas.drawRightString(right, line, f'page {document.page} of {pages}')
+    canvas.setStrokeColor(LINE)
+    canvas.line(SIDE, line - 2 * mm, right, line - 2 * mm)
+    if document.page == 1:
+        for picture, anchor, x in ((head.logo, 'nw', SIDE), (head.mark, 'ne', right - ROOM[0])):
+            if picture is not None:
+                canvas.drawImage(picture, x, line - 5 * mm - ROOM[1], *ROOM, mask='auto', preserveAspectRatio=True,
+                                 anchor=anchor)
     if certificate.is_simulated:
         canvas.setFillColor(RED)
         canvas.setFont(BOLD, SIZE + 1)
-        canvas.drawCentredString(A4[0] / 2, A4[1] - 11 * mm, 'SIMULATED: no real table was measured')
+        canvas.drawCentredString(A4[0] / 2, 8 * mm, 'SIMULATED: no real table was measured')
 
 
-def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
+def _fitting(words: str, width: float) -> str:
+    """Return a text, cut with an ellipsis where it is wider."""
+    cut = words
+    while pdfmetrics.stringWidth(cut, PLAIN, SIZE) > width:
+        cut = f'{cut.removesuffix("…")[:-1]}…'
+    return cut
+
+
+def _flowables(one: Certificate, places: Sequence[FigurePlace], behind: int = -1) -> list[Any]:
     identity = one.identity
     flowables: list[Any] = [
-        _words('Calibration certificate', TITLE, BOLD), Spacer(1, 1.5 * mm),
-        _words(f'<b>No. {_text(_number(one))}</b>, issued {one.inputs.issued}: error motions of a rotary table'),
+        Spacer(1, ROOM[1] - 5 * mm), _words('Calibration certificate', TITLE, BOLD, alignment=1), Spacer(1, 1.5 * mm),
+        _words(f'<b>No. {_text(_number(one))}</b>, issued {one.inputs.issued}: error motions of a rotary table',
+               alignment=1),
         Spacer(1, 2 * mm)]
     if one.is_simulated:
         flowables += [_boxed(SIMULATED), Spacer(1, 2 * mm)]
@@ -150,7 +243,7 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
             (f'<b>{words}</b>', *(_text(identity[f'{name}.{entry}'] or NOT_STATED)
                                   for entry in ('maker', 'model', 'serial')), _text('; '.join(filter(None, (
                                       identity[f'{name}.{entry}'] for entry in ('calibration', 'remarks'))))))
-            for name, words in DEVICES.items())], (0.15, 0.2, 0.2, 0.2, 0.25))]
+            for name, words in DEVICES.items())])]
     flowables += [_heading('Measurement: method and conditions'),
                   _words(f'{_text(METHOD)} {_text(PAPER)}, <link href="{DOI}">{DOI.partition("org/")[2]}</link>.'),
                   Spacer(1, 1 * mm), _pairs([
@@ -165,26 +258,41 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
             flowables += [_words(f'<b>{_text(curves.words)}</b>')]
         flowables += [_grid([tuple(column.head for column in table.shown), *(
             (*map(_text, row[:-1]), _coloured(row[-1], line.conformity))
-            for row, line in zip(table.rows, curves.lines, strict=True))], _shares(table.shown),
+            for row, line in zip(table.rows, curves.lines, strict=True))],
             [place for place, column in enumerate(table.shown) if column.number])]
     note = error_results.errors([line for curves in one.sets for line in curves.lines]).note
     flowables += [Spacer(1, 1 * mm), *([_words(f'<b>{_text(one.beside_conformity)}</b>')] * one.is_limited),
                   _words(_text(note), soft=True)]
     if words := identity['certificate.remarks']:
         flowables += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
+    if one.compensated:
+        flowables += _compensated(one)
     if one.budget:
         flowables += _budget(one.budget)
     flowables += [_heading('Error motions over the table angle, with the band of U (k = 2)'), *places,
                   *map(_values, one.sets)]
-    flowables += [_heading('Limitations and conditions of validity'), *_bullets(one.unknown)]
+    last = [[_heading('Limitations and conditions of validity'), *_bullets(one.unknown)]]
     if one.missing:
-        flowables += [_heading('Missing mandatory data (ISO/IEC 17025, 7.8.2)'), _words(_text(', '.join(one.missing)))]
-    flowables += [_heading('Data and software'), *_bullets(
+        last += [[_heading('Missing mandatory data (ISO/IEC 17025, 7.8.2)'), _words(_text(', '.join(one.missing)))]]
+    last += [[_heading('Data and software'), *_bullets(
         [*(f'{file.path}: SHA-256 {file.sha256}' for file in one.files),
          ', '.join(f'{name} {version}' for name, version in one.inputs.programs if version[:1].isdigit()),
          'The attached XML document (DCC) is authoritative; this printout is for information. It can be verified '
-         'against the run.'])]
-    return [*flowables, _signature(one)]
+         'against the run.']), _signature(one)]]
+    for place, section in enumerate(last):
+        flowables += [*[PageBreak()] * (place == behind), *section]
+    return flowables
+
+
+def _compensated(one: Certificate) -> Iterable[Any]:
+    """Yield the effects in the model with their sizes and U, as a table with its heading."""
+    table = effects([(each.name, each.setting, each.parameters) for each in one.compensated], '', one.time_unit)
+    rows = [tuple(map(_text, row)) for row in table.rows]
+    yield KeepTogether([_heading(f'Compensated: {COMPENSATED}'), _grid(
+        [tuple(column.head for column in table.shown), *rows],
+        [place for place, column in enumerate(table.shown) if column.number]), Spacer(1, 1 * mm)])
+    if table.note:
+        yield _words(_text(table.note), soft=True)
 
 
 def _budget(made: Budget) -> Iterable[Any]:
@@ -195,7 +303,7 @@ def _budget(made: Budget) -> Iterable[Any]:
     heads = ['contribution', *(f'{curve} / {unit}' for curve, unit in zip(CURVES, curve_units(), strict=True))]
     grid = _grid([heads, *(tuple(map(_text, row)) for row, shown in zip(table.rows, is_shown, strict=True) if shown),
                   *(tuple(f'<b>{_text(cell)}</b>' for cell in row) for row in table.footer)],
-                 (0.31, *[0.115] * 6), [place for place, column in enumerate(table.shown) if column.number])
+                 [place for place, column in enumerate(table.shown) if column.number])
     less = f'Also in u, each below {NEGLIGIBLE:.0%} of it: {", ".join(small)}.' if small else ''
     yield KeepTogether([_heading('Uncertainty budget (GUM)'), grid, Spacer(1, 1 * mm)])
     note = ' '.join(filter(None, (table.note, less, 'Not considered:', *not_considered(made))))
@@ -208,7 +316,7 @@ def _values(curves: CurveSet) -> Any:
     return _grid([[column.head for column in table.shown], *(
         tuple(_text(cell.replace('\n', ' ')) for cell in row) for row in table.rows), *(
         tuple(f'<b>{_text(cell)}</b>' for cell in row) for row in table.footer)],
-        _shares(table.shown), range(len(table.shown)))
+        range(len(table.shown)))
 
 
 def _measured(runs: Sequence[Measured]) -> Iterable[tuple[str, str]]:
@@ -225,7 +333,7 @@ def _signature(one: Certificate) -> Any:
     who = signer(one.identity) or f'signer {NOT_STATED}'
     line = '_' * 34
     return KeepTogether([Spacer(1, 9 * mm), _grid([
-        (line, line, line), ('place, date', 'signature', _text(who))], (0.34, 0.34, 0.32), lines=False)])
+        (line, line, line), ('place, date', 'signature', _text(who))], lines=False)])
 
 
 # Parts --------------------------------------------------------------------------------------------
@@ -259,7 +367,7 @@ def _text(words: str) -> str:
 
 def _words(markup: str, size: float = SIZE, font: str = PLAIN, soft: bool = False, alignment: int = 0) -> Paragraph:
     style = ParagraphStyle('', fontName=font, fontSize=size, leading=1.25 * size, textColor=SOFT if soft else INK,
-                           alignment=alignment, splitLongWords=1)
+                           alignment=alignment, splitLongWords=1, allowWidows=0, allowOrphans=0)
     return Paragraph(markup, style)
 
 
@@ -285,12 +393,11 @@ def _pairs(rows: Iterable[tuple[str, str]]) -> Table:
                  colWidths=[0.15 * WIDTH, 0.85 * WIDTH], style=_style(False))
 
 
-def _grid(rows: Sequence[Sequence[str]], shares: Sequence[float], numbers: Sequence[int] = (),
-          lines: bool = True) -> Table:
+def _grid(rows: Sequence[Sequence[str]], numbers: Sequence[int] = (), lines: bool = True) -> Table:
     """Return a table of markup, its first row the head; numbers: columns that are aligned right."""
     made = [[_words(f'<b>{_text(cell)}</b>' if row == 0 and lines else cell, alignment=2 if place in numbers else 0)
              for place, cell in enumerate(cells)] for row, cells in enumerate(rows)]
-    return Table(made, colWidths=[share * WIDTH for share in shares], style=_style(lines), repeatRows=int(lines))
+    return Table(made, colWidths=_widths(rows), style=_style(lines), repeatRows=int(lines))
 
 
 def _style(lines: bool) -> TableStyle:
@@ -300,11 +407,17 @@ def _style(lines: bool) -> TableStyle:
                        ('BOTTOMPADDING', (0, 0), (-1, -1), 1.2), *ruled])
 
 
-def _shares(columns: Sequence[Any]) -> list[float]:
-    """Return the shares of the width: by the longest text of a column."""
-    widest = [max(pdfmetrics.stringWidth(words, BOLD, SIZE) for words in (column.head, *column.shown)) + PADDING
-              for column in columns]
-    return [one / sum(widest) for one in widest]
+def _widths(rows: Sequence[Sequence[str]]) -> list[float]:
+    """Return the widths of columns of markup, points: each as its longest text where all fit, else at least as its
+    longest word, and what is left by the length of the texts."""
+    texts = [[unescape(re.sub('<[^>]*>', '', cell)) for cell in column] for column in zip(*rows, strict=True)]
+    whole, least = ([max(pdfmetrics.stringWidth(part, BOLD, SIZE) for cell in column for part in cell.split(between))
+                     + PADDING + 1 for column in texts] for between in ('\0', ' '))
+    short = [min(one, WIDTH / len(texts)) for one in whole] if sum(least) > WIDTH else least
+    left, more = WIDTH - sum(short), [max(one - other, 0) for one, other in zip(whole, short, strict=True)]
+    if left >= sum(more):
+        return [one + other + (left - sum(more)) / len(texts) for one, other in zip(short, more, strict=True)]
+    return [one + left * other / sum(more) for one, other in zip(short, more, strict=True)]
 
 
 def _coloured(words: str, conformity: Conformity | None) -> str:

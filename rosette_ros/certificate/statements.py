@@ -16,6 +16,7 @@ from rosette_ros.analysis import evaluate_jointly, result
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_lines
+from rosette_ros.core.model.least_squares import Fit, FittedEffect
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import ErrorMotions, Floats, Run
@@ -47,6 +48,7 @@ METHOD = ('Three-rosette method: each ball of a circular plate is measured at ea
           'squares separate the deviations of table, ball plate and CMM, none of which has to be calibrated before.')
 DAY = datetime.timedelta(1)
 """Dates of a log are UTC, those of an identity local: so much they may differ."""
+COMPENSATED = 'effects that the curves do not contain'
 NEEDED = ('certificate.number', 'laboratory.country')
 """Entries without which there is no document."""
 CONTENT_OF_U = 'contains the scatter of the readings and the uncertainty of the effects in the model'
@@ -104,7 +106,9 @@ class CurveSet:
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What a certificate states; budget: of U, None of several runs and of plates that are too large for one."""
+    """What a certificate states; budget: of U, None of several runs and of plates that are too large for one.
+
+    compensated: effects in the model of the curves, which do not contain them; time_unit: as of Run."""
 
     inputs: Inputs
     identity: Identity
@@ -117,6 +121,8 @@ class Certificate:
     unknown: tuple[str, ...]
     files: tuple[FileDigest, ...]
     budget: Budget | None = None
+    compensated: tuple[FittedEffect, ...] = ()
+    time_unit: str = 's'
 
     @property
     def is_simulated(self) -> bool:
@@ -179,7 +185,8 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
                   ('Environment', environment_words(given.environment)))
     dof = float(made.effective_dof.min()) if made else fit.dof
     return _stated(inputs, identity, contradictions, days, [measured], [
-        CurveSet('table', curves.motions, curves.lines(limits), dof)], verdict, evaluation, unknown, source.files, made)
+        CurveSet('table', curves.motions, curves.lines(limits), dof)], verdict, evaluation, unknown, source.files, made,
+                   fit)
 
 
 def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certificate:
@@ -226,7 +233,7 @@ def _complete(identity: Identity, runs: Sequence[Measured], ask: Ask, issued: st
 def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], days: tuple[str, str],
             runs: Sequence[Measured], sets: Sequence[CurveSet], verdict: VerdictText | ConclusionText | None,
             evaluation: tuple[tuple[str, str], ...], unknown: Iterable[str], files: Sequence[FileDigest],
-            made: Budget | None = None) -> Certificate:
+            made: Budget | None = None, fit: Fit | None = None) -> Certificate:
     least = min(one.probability for one in sets)
     environment = budget_inputs(inputs.budget).environment if inputs.budget else None
     content = (f'U (k = 2, about {100 * least:.0f} %) {OF_BUDGET if made else CONTENT_OF_U}; it does not contain '
@@ -246,7 +253,7 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], d
         tuple((name, bare(words)) for name, words in evaluation),
         tuple(bare(sentence) for sentence in (*unknown, *further) if sentence),
         tuple(FileDigest(inputs.files.get(file.sha256, Path(file.path).name), file.size, file.sha256)
-              for file in files), made)
+              for file in files), made, fit.effects if fit else (), fit.run.time_unit if fit else 's')
 
 
 def _days(identity: Identity, known: Sequence[tuple[str, str]], issued: str) -> tuple[str, str] | None:

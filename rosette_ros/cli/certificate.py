@@ -14,8 +14,8 @@ from rosette_ros.certificate.statements import Certificate, Inputs, state
 from rosette_ros.cli.arguments import SHARED, UsageError, add_shared, load
 from rosette_ros.cli.console import console, doing, print_json, print_parts, print_verdict
 from rosette_ros.cli.opened import add_joint, is_joint
-from rosette_ros.io.budget_file import read_stated
-from rosette_ros.io.identity_file import Identity, read_identity
+from rosette_ros.io.budget_file import read_stated, refuse_examples
+from rosette_ros.io.identity_file import Identity, folder_of, read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import bare_name, read_limited, refuse_output, write_bytes
@@ -69,10 +69,12 @@ def make(options: Namespace) -> None:
         read_model(options.model).to_mapping() if options.model else None, options.run_id, several,
         read_sharing(options.share, len(options.run_path)) if several else {},
         read_stated(options.inputs, options.environment))
+    refuse_examples(inputs.budget, str(options.inputs))
     with doing('evaluating'):
         certificate = state(options.run_path, inputs, ask)
     data = to_xml(certificate)
-    made = load('rosette_ros.certificate.pages', '--pdf').to_pdf(certificate, data, path.name) if options.pdf else b''
+    made = load('rosette_ros.certificate.pages', '--pdf').to_pdf(
+        certificate, data, path.name, folder_of(options.identity)) if options.pdf else b''
     write_bytes(path, data, options.force)
     if options.pdf:
         write_bytes(options.pdf, made, options.force)

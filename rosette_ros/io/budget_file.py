@@ -16,6 +16,8 @@ from rosette_ros.io.safe_yaml import known_keys, of_schema, read_yaml
 SCHEMA = 'rosette-budget/1'
 EFFECTS_OF = 'effects'
 """The entry of an environment for single effects."""
+EXAMPLE = 'EXAMPLE'
+"""With this the words of config/budget.yaml begin, which are of no cell."""
 MOST_BYTES, LONGEST = 1 << 16, 300
 
 
@@ -33,6 +35,15 @@ def read_stated(path: str | Path | None, environment: str | None = None) -> dict
         given = read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData)
         budget_inputs(given, str(path))
     return {**given, **({ENVIRONMENT: {'class': environment}} if environment else {})} if given else None
+
+
+def refuse_examples(given: Any, source: str) -> None:
+    """Raise InvalidData where what YAML states has words of the example file, which are of no cell."""
+    words = budget_inputs(given, source).words if given else {}
+    if examples := [section for section, text in words.items() if text.startswith(EXAMPLE)]:
+        raise InvalidData(f'{source}: expected words that say whence the numbers of this cell are, found those of the '
+                          f'example in {", ".join(examples)}; state numbers and words of the cell, or leave these '
+                          'sections out')
 
 
 def environment_of(given: Any, source: str = 'budget inputs') -> Environment | None:

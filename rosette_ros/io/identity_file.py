@@ -17,7 +17,7 @@ from rosette_ros.core.run.geometry import Floats
 from rosette_ros.core.run.number_words import ARC_SECOND
 from rosette_ros.core.run.records import CURVES, SI_UNITS
 from rosette_ros.io.safe_yaml import PlainDumper, known_keys, of_schema, parse_yaml
-from rosette_ros.io.text_file import read_limited
+from rosette_ros.io.text_file import path_of, read_limited
 
 SCHEMA = 'rosette-identity/1'
 MOST_BYTES, LONGEST, LONGEST_REMARKS = 65536, 200, 2000
@@ -30,7 +30,8 @@ DEVICES = {'table': 'rotary table', 'cmm': 'CMM', 'probe': 'probe', 'plate': 'ba
 """What has maker, model and serial number, in words."""
 SECTIONS: dict[str, dict[str, str]] = {
     'certificate': {'number': 'certificate number', 'date': 'date of issue', 'remarks': 'remarks'},
-    'laboratory': {**_ADDRESS, 'accreditation': 'accreditation'}, 'customer': {**_ADDRESS, 'order': 'order number'},
+    'laboratory': {**_ADDRESS, 'accreditation': 'accreditation', 'logo': 'logo', 'mark': 'accreditation mark'},
+    'customer': {**_ADDRESS, 'order': 'order number'},
     'place': {'name': 'place of the calibration', 'at': 'laboratory, customer or other'},
     'measured': {'begin': 'first day of measuring', 'end': 'last day of measuring'},
     'conditions': {'load': 'load on the table', 'speed': 'speed of the table',
@@ -44,6 +45,8 @@ REQUIRED = ('certificate.number', 'laboratory.name', 'laboratory.city', 'laborat
             'traceability.name', 'operator.name', 'signer.name',
             *(f'{device}.{entry}' for device in DEVICES for entry in ('maker', 'model', 'serial')))
 """Entries that a certificate is not complete without, ISO/IEC 17025, 7.8.2 and 7.8.4, ISO 230-7."""
+PICTURES = ('laboratory.logo', 'laboratory.mark')
+"""Names of pictures (PNG, JPEG) beside the identity file, for the head of the pages."""
 NAMED = ('place', 'traceability', 'operator', 'signer')
 """Sections that may be a text alone, the name."""
 AT = ('laboratory', 'customer', 'other')
@@ -102,6 +105,11 @@ class Identity:
 def read_identity(path: str | Path) -> Identity:
     """Return the Identity of a file; raises InvalidData, naming file and entry, where it is none."""
     return parse_identity(read_limited(path, 'an identity file', MOST_BYTES), str(path))
+
+
+def folder_of(path: str | Path | None) -> Path:
+    """Return where the pictures lie that an identity names: beside its file, else in the present folder."""
+    return Path(path_of(str(path))).parent if path else Path()
 
 
 def parse_identity(data: bytes, source: str = 'identity') -> Identity:

@@ -11,7 +11,7 @@ from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
-from rosette_ros.io.budget_file import read_stated
+from rosette_ros.io.budget_file import EXAMPLE, read_stated
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -55,6 +55,13 @@ def table(name, order='random', seed=2, n=6, change=lambda run: run, **hidden):
     return path
 
 
+def own_budget():
+    """Return the path of inputs of a budget with the numbers of config/budget.yaml and words of a cell."""
+    path = Path(FOLDER.name) / 'budget.yaml'
+    path.write_text(BUDGET.read_text(encoding='utf-8').replace(f'{EXAMPLE}: ', ''), encoding='utf-8')
+    return path
+
+
 @functools.cache
 def made(kind):
     """Return the paths, the Certificate and the document (bytes) of a kind of run."""
@@ -80,7 +87,7 @@ def made(kind):
         inputs = Inputs(dated, '2026-11-30')
     elif kind == 'budget':
         paths = (table('twelve', n=12, hidden=HIDDEN),)
-        inputs = Inputs(dated, '2026-11-30', budget=read_stated(BUDGET))
+        inputs = Inputs(dated, '2026-11-30', budget=read_stated(own_budget()))
     else:
         text = FULL if kind == 'clean' else BARE
         paths, inputs = (table('clean'),), Inputs(parse_identity((text + DAYS).encode()), '2026-11-30')

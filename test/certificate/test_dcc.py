@@ -10,16 +10,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from certificates import DAYS, FULL, KINDS, made, table
+from certificates import BUDGET, DAYS, FULL, KINDS, made, own_budget, table
 from lxml import etree
 from schematron import Schematron
 
 from rosette_ros.analysis import result
-from rosette_ros.certificate.dcc import to_xml
+from rosette_ros.certificate.dcc import to_xml, unit_of
 from rosette_ros.certificate.statements import Inputs, release, state
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.uncertainty.error_summary import Conformity
+from rosette_ros.io.budget_file import read_stated, refuse_examples
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.io.open_run import open_run
 
@@ -147,6 +148,39 @@ def test_the_budget_is_that_of_the_run():
     np.testing.assert_allclose(spread, 2e6 * certificate.budget.combined()[:, 5], rtol=1e-12)
     assert any(words.startswith('U (k = 2, about 95 %) is that of the uncertainty budget')
                for words in texts(root, '//dcc:statement//dcc:content'))
+
+
+def test_what_was_compensated_has_its_size():
+    """The effects in the model, each parameter with U in its unit; without effects there is no such result."""
+    certificate, root = made('two_effects')[1], root_of('two_effects')
+    [result] = root.xpath('//dcc:result[@refType="rosette_effects"]', namespaces=NAMES)
+    assert texts(result, './dcc:data/dcc:list/dcc:name/dcc:content') == [
+        'linear probe drift (frame_drift)', 'warping of the plate (plate_warp)']
+    for one, told in zip(certificate.compensated, result.iterfind('.//dcc:list', NAMES), strict=True):
+        assert texts(told, './dcc:quantity/dcc:name/dcc:content') == [each.name for each in one.parameters]
+        for kind, wanted in (('value', [1e6 * each.value for each in one.parameters]),
+                             ('valueExpandedMU', [2e6 * each.u for each in one.parameters])):
+            np.testing.assert_allclose(np.array(texts(told, f'.//si:{kind}'), dtype=float), wanted, rtol=1e-12)
+        assert {*texts(told, './/si:unit')} == {r'\micro\metre\second\tothe{-1}'}
+    assert not root_of('clean').xpath('//dcc:result[@refType="rosette_effects"]', namespaces=NAMES)
+
+
+@pytest.mark.parametrize(('unit', 'wanted'), [
+    ('m', (r'\micro\metre', 1e6)), ('rad/K', (r'\micro\radian\kelvin\tothe{-1}', 1e6)), ('s', (r'\second', 1.0)),
+    ('m/s^2', (r'\micro\metre\second\tothe{-2}', 1e6)), ('1/K', (r'\kelvin\tothe{-1}', 1.0)), ('', (r'\one', 1.0)),
+    ('m/m/K', (r'\micro\metre\metre\tothe{-1}\kelvin\tothe{-1}', 1e6)), ('1', (r'\one', 1.0)),
+    ('m/reading', (r'\micro\metre', 1e6)), ('reading', (r'\one', 1.0))])
+def test_units_of_parameters(unit, wanted):
+    assert unit_of(unit) == wanted
+
+
+def test_words_of_the_example_go_into_no_certificate():
+    """config/budget.yaml, used as it is, would state a Zerodur plate."""
+    with pytest.raises(InvalidData, match='b.yaml: expected words that say whence the numbers of this cell are, found '
+                                          'those of the example in ball_form, plate_expansion'):
+        refuse_examples(read_stated(BUDGET), 'b.yaml')
+    refuse_examples(read_stated(own_budget()), 'b.yaml')
+    refuse_examples(None, 'b.yaml')
 
 
 def test_few_readings_do_not_give_95_percent(schema):

@@ -5,9 +5,11 @@ import io
 import re
 import unicodedata
 
+import numpy as np
 import pypdfium2
 import pytest
-from certificates import FULL, KINDS, made
+from certificates import DAYS, FULL, KINDS, made
+from PIL import Image
 from pypdf import PdfReader
 
 from rosette_ros.certificate.pages import to_pdf
@@ -33,7 +35,7 @@ def test_the_xml_is_attached_to_the_pages(kind):
     pages = pages_of(pdf)
     assert len(certificate.sets) + 1 <= len(pages) <= len(certificate.sets) + 2
     for place, words in enumerate(pages, 1):
-        assert f'page {place} of {len(pages)}' in words
+        assert f'page {place} of {len(pages)}' in words[:200] and 'Calibration certificate' in words[:200]
         assert 'SIMULATED: no real table was measured' in words
 
 
@@ -56,6 +58,50 @@ def test_an_engineer_finds_what_is_asked_for():
     for words in ('Limitations and conditions of validity', 'means of ctx, cty', 'SHA-256', certificate.files[0].sha256,
                   'rosette_ros 0.1.0', 'signature', 'B. Leiter, head of laboratory', 'table angle in degrees'):
         assert words in second, words
+
+
+@pytest.mark.parametrize('kind', [*KINDS, 'no_fit'])
+def test_no_page_has_a_few_lines_and_no_word_is_broken(kind):
+    """The last page is filled to a fifth at least, or there is one page less; words of tables are whole."""
+    _, certificate, data = made(kind)
+    document = pypdfium2.PdfDocument(to_pdf(certificate, data, 'cert.xml'))
+    for page in document:
+        texts = page.get_textpage()
+        bottom = min(texts.get_charbox(place)[1] for place in range(texts.count_chars()) if texts.get_charbox(
+            place)[1] > 12 / 25.4 * 72)
+        assert bottom < 0.8 * page.get_height()
+    words = ' '.join(pages_of(to_pdf(certificate, data, 'cert.xml')))
+    for whole in ('thermometer', 'tolerance', 'range', 'synchronous', 'fundamental'):
+        assert whole in words or kind == 'bare'
+
+
+def test_what_was_compensated_stands_on_the_pages():
+    """With its size and U."""
+    words = ' '.join(pages_of(to_pdf(*made('two_effects')[1:], 'cert.xml')))
+    assert 'Compensated: effects that the curves do not contain' in words
+    assert re.search(r'frame_drift d_x \S+ ±\S+ µm/h', words) and 'plate_warp a ' in words
+
+
+def test_logo_and_mark_stand_at_the_top_of_the_first_page(tmp_path):
+    """Where the identity names pictures beside its file; another file, or none, is refused by its name."""
+    paths, _, data = made('clean')
+    text = (FULL + DAYS).replace('email: kal', 'logo: logo.png, mark: mark.png, email: kal')
+    certificate = state(paths, Inputs(parse_identity(text.encode()), '2026-11-30'))
+    for name, colour in (('logo.png', (200, 0, 0)), ('mark.png', (0, 0, 200))):
+        Image.new('RGB', (90, 30), colour).save(tmp_path / name)
+    first, *others = pypdfium2.PdfDocument(to_pdf(certificate, data, 'cert.xml', tmp_path))
+    seen = np.asarray(first.render(scale=1).to_pil())[:110].astype(int)
+    for colour, side in ((0, slice(0, 200)), (2, slice(-200, None))):
+        is_there = (seen[:, side, colour] > 150) & (seen[:, side, 1] < 60)
+        assert is_there.sum() > 1000
+    for page in others:
+        assert np.ptp(np.asarray(page.render(scale=1).to_pil())[:60].astype(int), axis=2).max() < 200
+    (tmp_path / 'mark.png').write_text('no picture')
+    with pytest.raises(InvalidData, match='mark.png: expected a picture .PNG, JPEG., found something else'):
+        to_pdf(certificate, data, 'cert.xml', tmp_path)
+    (tmp_path / 'mark.png').unlink()
+    with pytest.raises(InvalidData, match='mark.png: expected a picture that can be read, found No such file'):
+        to_pdf(certificate, data, 'cert.xml', tmp_path)
 
 
 def test_the_two_times_say_what_they_are_of():
