@@ -279,7 +279,10 @@ def _check_order(table: CsvTable) -> None:
         values = columns.get(name, np.zeros(0))
         for row in np.flatnonzero(falls(np.diff(values), 0)):
             raise table.wrong(row + 1, name, f'{least} {values[row]:{form}}, the row before',
-                              f'{values[row + 1]:{form}}', 'rows stand in the order of measuring')
+                              f'{values[row + 1]:{form}}',
+                              'was the clock set back, as at the end of summer time? Write every time with its zone, '
+                              'such as +02:00' if name == 'time_s' and table.begun is not None else
+                              'rows stand in the order of measuring')
     order = np.lexsort((j, i))
     for again in np.flatnonzero((np.diff(i[order]) == 0) & (np.diff(j[order]) == 0)) if not table.repeats else ():
         first, second = order[again], order[again + 1]

@@ -277,6 +277,8 @@ class _Sheet:
                   'no sign between thousands' if other in cell and self.separator != ',' else
                   'it looks like a date or a time of day, which spreadsheets make of numbers; give a number'
                   if _CLOCK.search(cell) else '')
+        if cell.startswith('='):
+            advice = 'it is a formula of a spreadsheet; save the values'
         return wrong(self.source, self.rows[row][0], column, 'a number', f'{cell!r:.80}', advice)
 
 

@@ -164,3 +164,23 @@ def test_the_template_that_an_error_advises_works(capsys):
               for line, centre in zip(lines.splitlines(), scheme.centres(182.5).tolist())]
     run = parse(f'{head}approach\n' + '\n'.join(filled))
     assert run.is_complete and run.notes == ('not in the table: ' + ABSENT[ABSENT.index('time_s'):],)
+
+
+def test_the_end_of_summer_time_is_named():
+    """Local times that go back by an hour cannot be told apart; with their zone they can."""
+    def local(cells, zoned):
+        minutes, seconds = divmod(int(cells[8]), 60)
+        hour = 2 - (minutes >= 2)
+        return [*cells[:8], f'2026-10-25 0{hour}:{minutes:02d}:{seconds:02d}{f"+0{hour}:00" * zoned}', *cells[9:]]
+    with pytest.raises(InvalidData, match='column time_s: expected at least 90, the row before, found -3480; was the '
+                                          r'clock set back, as at the end of summer time\? Write every time with its '
+                                          r'zone, such as \+02:00'):
+        parse(rows(lambda cells: local(cells, zoned=False)))
+    run = parse(rows(lambda cells: local(cells, zoned=True)))
+    assert run.time.tolist() == [30 * place for place in range(9)]
+
+
+def test_formulas_of_a_spreadsheet_are_named():
+    """Cells that were saved to stay as they are."""
+    with pytest.raises(InvalidData, match=r"found '=\"1\"'; it is a formula of a spreadsheet; save the values"):
+        parse(rows(lambda cells: [f'="{cell}"' for cell in cells]).replace(',', ';'))
