@@ -53,7 +53,7 @@ def test_the_example_is_read():
     ({'radius': {'u_um': 1.0, 'words': 3}}, 'radius: words: expected a text of at most 300 characters, found 3'),
     ({'radius': 3}, 'b.yaml: radius: expected a mapping, found 3'),
     ({'hidden_effects': {'drift': 1.0}}, "b.yaml: hidden_effects: expected one of .*, found 'drift'"),
-    ({'environment': {}}, r'b.yaml: environment: expected a class \(laboratory, workshop\) or some of .*got none'),
+    ({'environment': {}}, r'b.yaml: environment: expected a class \(laboratory, workshop\) or some of .*found none'),
     ({'environment': {'class': 'hall'}}, "environment: class: expected one of laboratory, workshop, found 'hall'"),
     ({'environment': {'class': ['hall']}}, 'environment: class: expected one of laboratory, workshop, found'),
     ({'environment': {'drift': 1}}, "environment: expected one of class, machine, .*, found 'drift'"),
