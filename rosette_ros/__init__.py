@@ -35,9 +35,11 @@ if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
     from rosette_ros.api.measurement import Measurement as Measurement
     from rosette_ros.api.measurement import read as read
     from rosette_ros.api.plans import Advised as Advised
+    from rosette_ros.api.plans import NextSteps as NextSteps
     from rosette_ros.api.plans import Plan as Plan
     from rosette_ros.api.plans import PlansCompared as PlansCompared
     from rosette_ros.api.plans import advise as advise
+    from rosette_ros.api.plans import next_readings as next_readings
     from rosette_ros.api.plans import plan as plan
     from rosette_ros.api.plans import simulate as simulate
     from rosette_ros.api.result import PackageMissing as PackageMissing
@@ -73,7 +75,7 @@ _PLACES = {
         'Budgeted Compared Corrected Diagnosed ErrorCurves Evaluation JointEvaluation Ladder budget compare correct '
         'diagnose evaluate ladder',
     'api.measurement': 'Measurement read',
-    'api.plans': 'Advised Plan PlansCompared advise plan simulate',
+    'api.plans': 'Advised NextSteps Plan PlansCompared advise next_readings plan simulate',
     'api.result': 'PackageMissing Result',
     'core.effects.effect': 'Course Motion PhysicalEffect Quantity Searched Setting grid',
     'core.model.model': 'Model',

@@ -25,6 +25,14 @@ def every_extra() -> dict[str, list[str]]:
     return {**EXTRAS, 'all': [one for some in EXTRAS.values() for one in some], 'docs': DOCUMENTS}
 
 
+def missing_words(module: str) -> str:
+    """Return what is expected in place of a module that is missing, and what installs its package."""
+    package = PACKAGES.get(module, module)
+    extra = next((name for name, some in EXTRAS.items() if package in some), '')
+    return (f'expected the Python package {module}{f" of the extra {extra}" * bool(extra)}, found none; '
+            + (f'pip install "rosette_ros[{extra}]", or: ' if extra else '') + install_command(module))
+
+
 def install_command(module: str) -> str:
     """Return what installs the package of a module that is missing, and what goes with it."""
     package = PACKAGES.get(module, module)

@@ -45,7 +45,7 @@ ALLOWED = {
     'nodes': {'core', 'invocation', 'words', 'io', 'simulation', 'analysis', 'calibration', 'dme', 'nodes'},
     'cell': {'core', 'invocation', 'words', 'io', 'calibration', 'nodes', 'cell'},
     'studio': {'core', 'words', 'io', 'analysis', 'api', 'presentation', 'archive', 'calibration', 'nodes', 'cell',
-               'studio'},
+               'requirements', 'studio'},
     'cli': {'core', 'invocation', 'words', 'io', 'simulation', 'analysis', 'api', 'presentation', 'certificate',
             'archive', 'calibration', 'dme', 'nodes', 'cell', 'studio', 'requirements', 'cli'},
 }

@@ -16,7 +16,6 @@ from rosette_ros.io.budget_file import read_stated, refuse_examples
 from rosette_ros.io.identity_file import Identity, folder_of, read_identity
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_output, write_bytes, write_text
-from rosette_ros.requirements import install_command
 
 ModelLike = Model | str | Path | None
 Stated = Mapping[str, Any] | str | Path | None
@@ -27,7 +26,7 @@ def report(run: Any, model: ModelLike = None, path: str | Path = 'report.html', 
     """Write the report of a run as one HTML page, and return its path; annex: with all values and further figures.
 
     inputs, environment: as of `evaluate`. Raises InvalidData where the file exists, unless `force`."""
-    measured, page = read(run), loaded('rosette_ros.presentation.report', 'report', 'pip install jinja2 matplotlib')
+    measured, page = read(run), loaded('rosette_ros.presentation.report', 'report')
     refuse_output(path, force)
     stated = stated_inputs(inputs, environment)
     source = None
@@ -53,8 +52,7 @@ def certify(runs: Any, path: str | Path, model: ModelLike = None, *, identity: s
                               '(run.write) and read it')
     for target in (path, *([pdf] if pdf else [])):
         refuse_output(target, force)
-    install = install_command('lxml')
-    statements, dcc = (loaded(f'rosette_ros.certificate.{name}', 'certificate', install)
+    statements, dcc = (loaded(f'rosette_ros.certificate.{name}', 'certificate')
                        for name in ('statements', 'dcc'))
     known, is_joint = read_identity(identity) if identity else Identity(), len(every) > 1 or every[0].has_plate
     asked = statements.Inputs(
@@ -64,7 +62,7 @@ def certify(runs: Any, path: str | Path, model: ModelLike = None, *, identity: s
     refuse_examples(asked.budget, str(inputs))
     made = statements.state([one.path for one in every], asked)
     data = dcc.to_xml(made)
-    pages = (loaded('rosette_ros.certificate.pages', 'certificate', install).to_pdf(
+    pages = (loaded('rosette_ros.certificate.pages', 'certificate').to_pdf(
         made, data, Path(path).name, folder_of(identity)) if pdf else b'')
     write_bytes(path, data, force)
     if pdf:

@@ -49,7 +49,13 @@ from rosette_ros.io.text_file import write_text
 from rosette_ros.io.touch_log import open_refitted, refit_if_touched
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation import joint_results, tables
-from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, environment_json
+from rosette_ros.presentation.budget_results import (
+    agreement_words,
+    budget_json,
+    budget_tables,
+    environment_json,
+    expanded_words,
+)
 from rosette_ros.presentation.correction_results import correction_table
 from rosette_ros.presentation.error_results import FourAxis, errors_of, four_axis_json, four_axis_table
 from rosette_ros.presentation.explanation_results import explanations
@@ -283,7 +289,8 @@ class Diagnosed(DrawnResult):
         return diagnosis_json(self.diagnosis, self.invisible, self.check)
 
     def sentences(self) -> tuple[str, ...]:
-        return (*_said(self.verdict), *([check_words(self.check)] if self.check else []))
+        return (*_said(self.verdict), *([check_words(self.check)] if self.check else []),
+                *([f'Model with what was found: {text.model_words(self.model)}.'] if self.missing else []))
 
     def tables(self) -> tuple[Table, ...]:
         diagnosis = self.diagnosis
@@ -381,7 +388,7 @@ class Budgeted(DrawnResult):
         return budget_json(self.made, self.found)
 
     def sentences(self) -> tuple[str, ...]:
-        return (*([agreement_words(self.found)] if self.found else []),
+        return (expanded_words(self.made), *([agreement_words(self.found)] if self.found else []),
                 *(f'Not considered: {one}' for one in not_considered(self.made)))
 
     def tables(self) -> tuple[Table, ...]:

@@ -1,25 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a plan determines and shows, what to measure next, and a simulated machine that measures a plan."""
 
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rosette_ros.analysis import advise as advise_order
 from rosette_ros.analysis import advise_run
-from rosette_ros.api.measurement import Measurement, read, stated_inputs
+from rosette_ros.analysis import next_readings as next_block
+from rosette_ros.api.measurement import Measurement, model_of, read, stated_inputs
 from rosette_ros.api.result import DrawnResult, Result, plots
 from rosette_ros.core.effects.composed import effect
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import Advice
+from rosette_ros.core.planning.block_ways import with_block
+from rosette_ros.core.planning.next_readings import BLOCK, UNTIL, NextReadings
 from rosette_ros.core.planning.plan_comparison import Outlook, outlook
+from rosette_ros.core.run.axes import axis_rotation
 from rosette_ros.core.run.errors import InvalidPlan
 from rosette_ros.core.run.geometry import nominal_angles
-from rosette_ros.core.run.records import ErrorMotions, remove_gauge
-from rosette_ros.core.run.scheme import Scheme, order_name, places_in_use
+from rosette_ros.core.run.records import ErrorMotions, Run, remove_gauge
+from rosette_ros.core.run.scheme import ORDERS, order_name, places_in_use
 from rosette_ros.core.run.scheme import plan as scheme_of
-from rosette_ros.core.uncertainty.stated_environment import Environment
+from rosette_ros.core.run.touches import Pace
+from rosette_ros.core.run.typed_words import as_typed
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
+from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation import plan_results, tables
 from rosette_ros.presentation.json_output import advice_json
@@ -27,31 +38,47 @@ from rosette_ros.presentation.table_format import Table
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 from rosette_ros.simulation.machine import machine_config
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.effect_words import exact
 from rosette_ros.words.plan_words import better_words
+from rosette_ros.words.settling_words import next_words
 
 USUAL_RADIUS_MM = 182.5
-"""Radius of the plate of the paper."""
+"""Radius of the plate of the paper, where a question is answered without a plate."""
+MOST_PLANS = 12
+"""Plans side by side."""
 
 
 class Plan(DrawnResult):
-    """An order of measurement on a plate, and what it determines; scheme, radius (m): as the core has them."""
+    """An order of measurement on a plate, and what it determines; scheme, radius (m): as the core has them.
 
-    def __init__(self, name: str, scheme: Scheme, radius: float, sigma: float = 1e-7,
-                 environment: Environment | None = None) -> None:
-        self.name, self.scheme, self.radius, self._sigma, self._environment = name, scheme, radius, sigma, environment
+    judged: what `outlook` takes besides; is_stated: whether the radius is that of a plate, or only assumed."""
+
+    def __init__(self, name: str, measuring: MeasuringPlan, is_stated: bool = True, **judged: Any) -> None:
+        self.name, self.scheme, self.radius, self.is_stated = name, measuring.scheme, measuring.radius, is_stated
+        self._judged = judged
 
     @cached_property
     def outlook(self) -> Outlook:
         """What it determines and shows."""
-        return outlook(self.name, self.scheme, self.radius, self._sigma, environment=self._environment)
+        return outlook(self.name, self.scheme, self.radius, **self._judged)
+
+    @property
+    def measuring(self) -> MeasuringPlan:
+        """The plan as it is measured; raises InvalidPlan where nobody stated the radius of the circle of balls."""
+        if not self.is_stated:
+            option = as_typed('--radius-mm', 'radius_mm=')
+            raise InvalidPlan(f'{self.name}: expected {option}, the radius of the circle of ball centres, with targets '
+                              'for a CMM, found none')
+        return MeasuringPlan(self.scheme, self.radius)
 
     def to_mapping(self) -> dict[str, Any]:
         return plan_results.plan_json(self.outlook)
 
     def sentences(self) -> tuple[str, ...]:
-        expected = self.outlook.expectation
-        return (f'{self.name}: {self.scheme.ball.size} readings in {expected.duration / 3600:.2f} h; the curves with '
-                f'{expected.penalty:.2f} times the uncertainty of a complete run',)
+        expected, assumed = self.outlook.expectation, '' if self.is_stated else ' (assumed)'
+        return (f'{self.name}: {self.scheme.ball.size} readings on R = {exact(1e3 * self.radius, 6)} mm{assumed} in '
+                f'{expected.duration / 3600:.2f} h; the curves with {expected.penalty:.2f} times the uncertainty of a '
+                'complete run',)
 
     def tables(self) -> tuple[Table, ...]:
         seen = plan_results.effects(self.outlook)
@@ -64,8 +91,8 @@ class Plan(DrawnResult):
     def write(self, path: str | Path, force: bool = False) -> Path:
         """Write a plan file (CSV) for `rosette calibrate --plan`, and return the path.
 
-        Raises InvalidData where one exists, unless `force`."""
-        write_text(path, format_plan(MeasuringPlan(self.scheme, self.radius)), force)
+        Raises InvalidData where one exists, unless `force`, and InvalidPlan where the radius is only assumed."""
+        write_text(path, format_plan(self.measuring), force)
         return Path(path)
 
 
@@ -87,32 +114,62 @@ class PlansCompared(Result):
         return (plan_results.comparison(every), *([shown] if shown else []))
 
 
-def plan(*orders: str | Path, balls: int | None = None, radius_mm: float = USUAL_RADIUS_MM, turning: str = 'forward',
-         seed: int = 0, sigma_um: float = 0.1, inputs: Mapping[str, Any] | str | Path | None = None,
-         environment: str | None = None) -> Any:
+def plan(*orders: str | Path, balls: int | None = None, radius_mm: float | None = None, turning: str = 'forward',
+         seed: int = 0, cmm_positions: str = '', balls_in_use: str = '', plate: str | Path | None = None,
+         table_offset_deg: float = 0.0, touches: int = 0, sigma_um: float = 0.1, touch_s: float = Pace.touch,
+         table_move_s: float | None = None, axis: Sequence[float] | None = None,
+         inputs: Mapping[str, Any] | str | Path | None = None, environment: str | None = None) -> Any:
     """Return the Plan of an order or of a plan file, or several side by side (PlansCompared).
 
-    orders: such as 'row' or 'there_and_back:8' (at 8 CMM positions); balls: on the plate = table positions; sigma_um:
-    standard deviation of a coordinate; environment: as of `evaluate`: U contains what the order hides."""
+    orders: such as 'row' or 'there_and_back:8' (at 8 CMM positions); balls: on the plate = table positions; radius_mm:
+    of the circle of their centres, without it that of the first plan file, else 182.5 is assumed; cmm_positions,
+    balls_in_use: '6' (the best six), '50 %', 'fewest' or '1,5,7,10', '' all; plate: a plate file in place of radius_mm
+    and balls_in_use; touches: of each ball, 0 as the CMM usually does; sigma_um: standard deviation of a coordinate
+    from 20 touches; touch_s, table_move_s: times of a touch and of a move of the table; axis: direction of the table
+    axis in the machine; environment: as of `evaluate`: U contains what the order hides. Raises InvalidPlan."""
     if not orders:
         raise InvalidPlan('plan: expected an order or a plan file, found none')
+    if len(orders) > MOST_PLANS:
+        raise InvalidPlan(f'plan: expected at most {MOST_PLANS} plans, found {len(orders)}')
+    if plate is not None:
+        radius_mm, balls_in_use = _on_plate(plate, balls, {
+            'radius_mm': radius_mm, 'cmm_positions': cmm_positions, 'balls_in_use': balls_in_use})
+    files = {order: read_plan(order) for order in orders if Path(order).is_file()}
+    first = next(iter(files.values()), None)
+    n, radius = balls or (first and first.scheme.n), 1e-3 * radius_mm if radius_mm else first and first.radius
     stated = stated_inputs(inputs, environment)
-    made = [_plan(order, balls, radius_mm, turning, seed, sigma_um, stated.environment if stated else None)
-            for order in orders]
+    judged = {'sigma': 1e-6 * sigma_um, 'pace': Pace(touch_s, table_move_s), 'rotation': None if axis is None else
+              axis_rotation(axis), 'environment': stated.environment if stated else None}
+    made = []
+    for order in orders:
+        name, *places = str(order).split(':', 1)
+        if order in files:
+            made.append(Plan(Path(order).name, files[order], **judged))
+        elif order_name(name) not in ORDERS and re.search(r'[./\\]', str(order)):
+            raise InvalidPlan(f'{order}: expected a plan file, or one of {", ".join(ORDERS)}, found neither; check the '
+                              'path')
+        elif n is None:
+            raise InvalidPlan(f'plan: expected {as_typed("--balls and --radius-mm", "balls= and radius_mm=")} with an '
+                              'order, or a plan file')
+        else:
+            scheme = scheme_of(n, order_name(name), seed, turning,
+                               places_in_use(places[0] if places else cmm_positions, n, 'CMM positions'),
+                               places_in_use(balls_in_use, n, 'balls')).shifted(np.deg2rad(table_offset_deg))
+            scheme = replace(scheme, touches=np.full(scheme.ball.size, touches))
+            made.append(Plan(':'.join([order_name(name), *places]), MeasuringPlan(
+                scheme, 1e-3 * USUAL_RADIUS_MM if radius is None else radius), radius is not None, **judged))
     return made[0] if len(made) == 1 else PlansCompared(made)
 
 
-def _plan(order: str | Path, balls: int | None, radius_mm: float, turning: str, seed: int, sigma_um: float,
-          environment: Environment | None) -> Plan:
-    if Path(order).is_file():
-        read_one = read_plan(order)
-        return Plan(Path(order).name, read_one.scheme, read_one.radius, 1e-6 * sigma_um, environment)
-    name, _, places = str(order).partition(':')
+def _on_plate(path: str | Path, balls: int | None, beside: Mapping[str, object]) -> tuple[float, str]:
+    """Return the radius, mm, and the balls in use of a plate file; beside: what does not go with one."""
+    option = as_typed('--plate', 'plate=')
+    if given := [name for name, value in beside.items() if value]:
+        raise InvalidPlan(f'{option}: expected it without {given[0].replace("_", " ")}, found both; leave out one')
     if balls is None:
-        raise InvalidPlan('plan: expected balls with an order, or a plan file')
-    scheme = scheme_of(balls, order_name(name), seed, turning, places_in_use(places, balls, 'CMM positions'))
-    return Plan(':'.join([order_name(name), *([places] if places else [])]), scheme, 1e-3 * radius_mm, 1e-6 * sigma_um,
-                environment)
+        raise InvalidPlan(f'{option}: expected {as_typed("--balls", "balls=")}, the number of table positions, too')
+    plate = read_plate(path)
+    return 1e3 * plate.circle, ', '.join(map(str, plate.places(balls)))
 
 
 class Advised(Result):
@@ -140,14 +197,48 @@ def advise(run: Any = None, *, balls: int | None = None, order: str | None = Non
     show: effects that the next run must show; environment: as of `evaluate`."""
     stated = stated_inputs(inputs, environment)
     within, wanted = stated.environment if stated else None, tuple(effect(name).name for name in show)
-    if run is not None:
+    if run is not None and balls is None and order is None:
         measured = read(run).run
         return Advised(advise_run(measured, wanted, seed, within), measured.n, measured.radius, measured.run_id)
-    if balls is None or order is None:
-        raise InvalidPlan('advise: expected either a run or both balls and order')
+    if run is not None or balls is None or order is None:
+        raise InvalidPlan('advise: expected either '
+                          + as_typed('RUN or both --balls and --order', 'a run or both balls= and order='))
     radius = 1e-3 * radius_mm
     return Advised(advise_order(balls, order, radius, wanted=wanted, turning=turning, seed=seed, environment=within),
                    balls, radius)
+
+
+class NextSteps(Result):
+    """The next readings of a run, by which the explanations that are in doubt part most; found: as the core has them.
+    """
+
+    def __init__(self, found: NextReadings, run: Run) -> None:
+        self.found, self.run = found, run
+
+    @property
+    def plan(self) -> Plan | None:
+        """What was measured and then these readings, None where nothing settles what is in doubt."""
+        if self.found.targets is None:
+            return None
+        return Plan('next readings', MeasuringPlan(with_block(self.run, self.found.targets), self.run.radius))
+
+    def to_mapping(self) -> dict[str, Any]:
+        return plan_results.next_json(self.found, self.run)
+
+    def sentences(self) -> tuple[str, ...]:
+        return tuple(next_words(self.found))
+
+    def tables(self) -> tuple[Table, ...]:
+        return (plan_results.targets(self.found.targets, 1e3 * self.run.radius),) if self.found.targets else ()
+
+
+def next_readings(run: Any, model: Model | str | Path | None = None, number: int = BLOCK,
+                  until: float = UNTIL) -> NextSteps:
+    """Return the next readings of a run, after which it says more of its cause.
+
+    number: of readings at most; until: probability from which on a cause is settled."""
+    measured = read(run).run
+    return NextSteps(next_block(measured, model_of(model), number, until=until), measured)
 
 
 def simulate(machine: Any = None, plan: Any = 'interleaved', run_id: str = '') -> Measurement:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rosette_ros.core.run.errors import RosetteError, visible_json
 from rosette_ros.presentation.table_format import Table
+from rosette_ros.requirements import missing_words
 
 COLOURS = {'good': '#2e7d32', 'doubtful': '#b26a00', 'bad': '#c62828'}
 MOST_ROWS = 40
@@ -24,18 +25,21 @@ class PackageMissing(RosetteError):
     """A package that is asked for is not installed."""
 
 
-def loaded(module: str, what: str, install: str) -> ModuleType:
+def loaded(module: str, what: str) -> ModuleType:
     """Import what only some results need; raises PackageMissing, with how it is installed, where it is not there."""
     os.environ.setdefault('MATPLOTLIBRC', os.devnull)
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        raise PackageMissing(f'{what}: expected the Python package {error.name}, found none; {install}') from error
+        package = (error.name or '').partition('.')[0]
+        if package in ('', 'rosette_ros'):
+            raise
+        raise PackageMissing(f'{what}: {missing_words(package)}') from error
 
 
 def plots(name: str) -> ModuleType:
     """Import the pictures of a subject, and with them matplotlib."""
-    return loaded(f'rosette_ros.presentation.plots.{name}', 'pictures', 'pip install matplotlib')
+    return loaded(f'rosette_ros.presentation.plots.{name}', 'pictures')
 
 
 def json_text(mapping: Mapping[str, Any]) -> str:
@@ -45,7 +49,7 @@ def json_text(mapping: Mapping[str, Any]) -> str:
 
 def frame_of(table: Table) -> Any:
     """Return a Table as a DataFrame: exact values under the names of its CSV; attrs: title, note, units of columns."""
-    pandas = loaded('pandas', 'to_frame', 'pip install pandas')
+    pandas = loaded('pandas', 'to_frame')
     made = pandas.DataFrame({one.key: list(one.values) for one in table.columns})
     made.attrs = {'title': table.title, 'note': table.note,
                   'units': {one.key: one.unit for one in table.columns if one.unit}}

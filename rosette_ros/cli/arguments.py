@@ -21,7 +21,7 @@ from rosette_ros.core.run.number_words import ANGLES
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.io.text_file import path_of, refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
-from rosette_ros.requirements import install_command
+from rosette_ros.requirements import missing_words
 
 PICTURES = ('.png', '.svg', '.pdf')
 WRITTEN = ('output', 'pdf', 'figure', 'noise_picture', 'save')
@@ -204,8 +204,9 @@ def load(module: str, what: str) -> ModuleType:
         if is_ours or package == 'rosette_ros':
             raise
         if isinstance(error, ModuleNotFoundError) and importlib.util.find_spec(package) is None:
-            install = _SOURCE if _ROS.fullmatch(package) else install_command(package)
-            raise UsageError(f'{what}: expected the Python package {package}, found none; {install}') from error
+            words = (f'expected the Python package {package}, found none; {_SOURCE}' if _ROS.fullmatch(package) else
+                     missing_words(package))
+            raise UsageError(f'{what}: {words}') from error
         where = getattr(sys.modules.get(package), '__file__', None) or file
         raise UsageError(f'{what}: {where}: expected a package that can be loaded, found: '
                          f'{" ".join(str(error).split()):.300}; check PYTHONPATH and the settings of that package'

@@ -29,6 +29,7 @@ from rosette_ros.cell.ending import ENDING
 from rosette_ros.cli.arguments import ENDS, UsageError, expand_home, keep_inputs, load
 from rosette_ros.core.run.errors import RosetteError, one_line, unknown_name, visible
 from rosette_ros.core.run.number_words import show_angles
+from rosette_ros.core.run.typed_words import typed
 from rosette_ros.invocation import __version__
 from rosette_ros.nodes.environment import check_middleware
 
@@ -158,7 +159,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         show_angles(vars(options).get('angle_unit', 'urad'))
         expand_home(options)
         keep_inputs(options)
-        code = options.run(options)
+        with typed():
+            code = options.run(options)
         sys.stdout.flush()
     except RosetteError as error:
         _print_error(one_line(error))

@@ -4,57 +4,44 @@
 The list of an order is Table 1 of Kniel et al. (2019) for any n.
 """
 
-import re
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros.analysis import advise, advise_run, next_readings
+from rosette_ros.api.plans import USUAL_RADIUS_MM, Plan, advise, next_readings, plan
 from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, number, positive, whole
 from rosette_ros.cli.console import console, doing, pairs, print_json, print_parts, warn
 from rosette_ros.cli.opened import Opened
-from rosette_ros.core.effects.composed import effect
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.joint.cell_diagnosis import LIKELY
 from rosette_ros.core.planning.advice import Advice
-from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
-from rosette_ros.core.planning.plan_comparison import Outlook, outlook
+from rosette_ros.core.planning.plan_comparison import Outlook
 from rosette_ros.core.planning.size import MOST_BALLS as MOST_ADVISED
 from rosette_ros.core.run import axes
-from rosette_ros.core.run.errors import InvalidData, InvalidPlan
-from rosette_ros.core.run.scheme import ORDERS, TURNINGS, order_name, places_in_use, plan
+from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.scheme import ORDERS, TURNINGS
 from rosette_ros.core.run.touches import TOUCHES, Pace
 from rosette_ros.invocation import command, program
-from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.experience_file import read_experience
-from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
-from rosette_ros.io.plate_file import read_plate
-from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation import plan_results as results
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import millimetres
-from rosette_ros.presentation.json_output import advice_json
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import exact
 from rosette_ros.words.plan_words import better_words
-from rosette_ros.words.settling_words import next_words
 
 MOST_BALLS = 1000
 WIDEST_MAP = 20
 """Most balls for which the map of the scheme fits on a screen."""
-MOST_PLANS = 12
 MOST_NEXT = 1000
 """Next readings that may be asked for at once."""
-USUAL_RADIUS_MM = 182.5
-"""Radius of the plate of the paper, where a question is answered without a plate."""
 
 
 def plan_arguments(parser: ArgumentParser) -> None:
@@ -106,82 +93,40 @@ def run_plan(options: Namespace) -> None:
         raise UsageError('plan: expected either --order, or plan files and orders to compare')
     if options.format and not options.figures:
         raise UsageError('plan: --format goes with --figures only; leave it out')
-    if options.plate:
-        put_on_plate(options)
-    words = options.plans or [options.order]
-    if len(words) > MOST_PLANS:
-        raise UsageError(f'plan: expected at most {MOST_PLANS} plans, found {len(words)}')
-    made = chosen(words, options)
-    is_list = options.csv or options.csv_template
-    if len(words) > 1 and (options.output or options.csv_template):
+    try:
+        axes.axis_rotation(options.axis) if options.axis else None
+    except InvalidData as error:
+        raise UsageError(f'--axis: {error}') from None
+    made = plan(*(options.plans or [options.order]), balls=options.balls, radius_mm=options.radius_mm,
+                turning=options.turning, seed=options.seed, cmm_positions=options.cmm_positions,
+                balls_in_use=options.balls_in_use, plate=options.plate,
+                table_offset_deg=options.table_offset_deg or 0.0, touches=options.touches or 0,
+                sigma_um=options.sigma_um, touch_s=options.touch_s or Pace.touch, table_move_s=options.table_move_s,
+                axis=options.axis, inputs=options.inputs, environment=options.environment)
+    only = made if isinstance(made, Plan) else None
+    if only is None and (options.output or options.csv_template):
         raise UsageError('plan: expected one plan to write, found several; leave out --output and --csv-template')
-    if options.output:
+    if only and options.output:
         if Path(options.output).suffix.lower() != '.csv':
             raise UsageError(f'--output: expected a name that ends in .csv, found {options.output!r}')
-        write_text(options.output, format_plan(made[0]), options.force)
-    if len(words) == 1 and is_list:
-        scheme, radius_mm = made[0].scheme, 1e3 * made[0].radius
+        only.write(options.output, options.force)
+    if only and (options.csv or options.csv_template):
+        scheme, radius_mm = only.measuring.scheme, 1e3 * only.radius
         lines = (','.join(row) for row in results.rows(scheme, radius_mm))
         sys.stdout.write(results.template(scheme, radius_mm) if options.csv_template else
                          '\n'.join([results.HEADER, *lines]) + '\n')
         return
-    pace = Pace(options.touch_s or Pace.touch, options.table_move_s)
-    try:
-        rotation = axes.axis_rotation(options.axis) if options.axis else None
-    except InvalidData as error:
-        raise UsageError(f'--axis: {error}') from None
-    environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
-    names = [Path(word).name if Path(word).is_file() else ':'.join([order_name(order), *places])
-             for word in words for order, *places in [word.split(':')]]
-    plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace, rotation=rotation,
-                     environment=environment) for name, one in zip(names, made)]
+    outlooks = [one.outlook for one in ([only] if only else made.plans)]
     if options.figures:
-        draw(plans, options)
+        draw(outlooks, options)
     if options.json:
-        print_json(results.plan_json(plans[0]) if len(plans) == 1 else results.comparison_json(plans))
+        print_json(made.to_mapping())
     elif options.csv:
-        sys.stdout.write(results.comparison(plans).csv())
-    elif len(plans) == 1:
-        show_plan(plans[0], options.output)
+        sys.stdout.write(results.comparison(outlooks).csv())
+    elif only:
+        show_plan(only.outlook, options.output)
     else:
-        show_comparison(plans)
-
-
-def put_on_plate(options: Namespace) -> None:
-    """Set the radius and the balls in use from the plate file."""
-    beside = ('radius_mm', 'cmm_positions', 'balls_in_use')
-    if given := [name for name in beside if getattr(options, name)]:
-        raise UsageError(f'--plate: expected it without {given[0].replace("_", " ")}, found both; leave out one')
-    if options.balls is None:
-        raise UsageError('--plate: expected --balls, the number of table positions, too')
-    plate = read_plate(options.plate)
-    options.radius_mm, options.balls_in_use = 1e3 * plate.circle, ', '.join(map(str, plate.places(options.balls)))
-
-
-def chosen(words: Sequence[str], options: Namespace) -> list[MeasuringPlan]:
-    """Return the plans of files and of orders; an order has --balls and --radius-mm, or those of the first file."""
-    read = {word: read_plan(word) for word in words if Path(word).is_file()}
-    first = next(iter(read.values()), None)
-    n: int | None = options.balls or (first.scheme.n if first else None)
-    radius: float | None = 1e-3 * options.radius_mm if options.radius_mm else first.radius if first else None
-    every = []
-    for word in words:
-        order, _, places = word.partition(':')
-        order = order_name(order)
-        if word in read:
-            every.append(read[word])
-        elif order not in ORDERS and re.search(r'[./\\]', word):
-            raise InvalidPlan(f'{word}: expected a plan file, or one of {", ".join(ORDERS)}, found neither; check the '
-                              f'path')
-        elif n is None or radius is None:
-            raise UsageError('plan: expected --balls and --radius-mm with an order, or a plan file')
-        else:
-            in_use = (places_in_use(text, n, what) for text, what in (
-                (places or options.cmm_positions, 'CMM positions'), (options.balls_in_use, 'balls')))
-            scheme = plan(n, order, options.seed, options.turning, *in_use).shifted(options.table_offset_deg or 0.0)
-            touches = np.full(scheme.ball.size, options.touches or 0)
-            every.append(MeasuringPlan(replace(scheme, touches=touches), radius))
-    return every
+        show_comparison(outlooks)
 
 
 def draw(plans: Sequence[Outlook], options: Namespace) -> None:
@@ -261,7 +206,7 @@ def advise_arguments(parser: ArgumentParser) -> None:
                         f'a cause is settled (default {UNTIL:g})')
     parser.add_argument('--plan', metavar='FILE', help='with --readings: write what was measured, and they, as a plan '
                         'for calibrate --plan, CSV')
-    add_shared(parser, '--model', '--inputs', '--environment')
+    add_shared(parser, '--run-id', '--columns', '--model', '--inputs', '--environment')
     add_shared(parser, '--experience', help='what earlier runs of the cell have taught (YAML, rosette-experience/1): '
                'the next run must show its causes; with --readings: their prior')
     add_shared(parser, '--any-cell', '--angle-unit', '--json', '--force')
@@ -269,32 +214,25 @@ def advise_arguments(parser: ArgumentParser) -> None:
 
 def run_advise(options: Namespace) -> None:
     """Print the advice."""
-    wanted = tuple(effect(name).name for name in options.show) or causes_known(options)
-    planned = (options.balls, options.order)
     if options.readings is not None:
         advise_readings(options)
         return
     for name in ('until', 'plan', 'model'):
         if getattr(options, name) is not None:
             raise UsageError(f'advise: --{name} goes with --readings only; leave it out')
-    environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
-    if options.run_path is not None and planned == (None, None):
-        measured = Opened(options).run
-        warn(measured)
-        with doing('comparing orders'):
-            advice = advise_run(measured, wanted, options.seed, environment)
-        n, radius, run_id = measured.n, measured.radius, measured.run_id
-    elif options.run_path is None and None not in planned:
-        n, radius, run_id = options.balls, 1e-3 * options.radius_mm, ''
-        with doing('comparing orders'):
-            advice = advise(n, options.order, radius, wanted=wanted, turning=options.turning, seed=options.seed,
-                            environment=environment)
-    else:
-        raise UsageError('advise: expected either RUN or both --balls and --order')
+    run = options.run_path
+    if run is not None and options.balls is None and options.order is None:
+        run = Opened(options).run
+        warn(run)
+    with doing('comparing orders'):
+        made = advise(run, balls=options.balls, order=options.order, radius_mm=options.radius_mm,
+                      turning=options.turning, seed=options.seed,
+                      show=options.show or causes_known(options), inputs=options.inputs,
+                      environment=options.environment)
     if options.json:
-        print_json(advice_json(advice, n, radius, run_id))
+        print_json(made.to_mapping())
     else:
-        show_advice(advice, n, radius)
+        show_advice(made.advice, made.n, made.radius)
 
 
 def causes_known(options: Namespace) -> tuple[str, ...]:
@@ -309,24 +247,22 @@ def advise_readings(options: Namespace) -> None:
         raise UsageError('advise: --readings: expected RUN, without --order and --show')
     if options.plan and Path(options.plan).suffix.lower() != '.csv':
         raise UsageError(f'--plan: expected a name that ends in .csv, found {options.plan!r}')
-    opened = Opened(options)
-    run = opened.run
+    run = Opened(options).run
     warn(run)
-    found = next_readings(run, opened.model, options.readings, until=options.until or UNTIL)
-    if options.plan and found.targets is not None:
-        made = MeasuringPlan(with_block(run, found.targets), run.radius)
-        write_text(options.plan, format_plan(made), options.force)
+    made = next_readings(run, options.model, options.readings, options.until or UNTIL)
+    if options.plan and made.plan:
+        made.plan.write(options.plan, options.force)
     if options.json:
-        print_json(results.next_json(found, run))
+        print_json(made.to_mapping())
         return
     out = console()
-    for sentence in next_words(found):
+    for sentence in made.sentences():
         out.print(escape(sentence), soft_wrap=True)
-    if found.targets is not None:
-        print_parts(out, [results.targets(found.targets, 1e3 * run.radius)])
+    if made.plan:
+        print_parts(out, made.tables())
         if options.plan:
-            out.print(f'\nWritten to {escape(options.plan)}, after the {run.size} readings of the run. Measure with: '
-                      f'{program()} calibrate --plan {escape(options.plan)}', soft_wrap=True)
+            out.print(f'\nWritten to {escape(options.plan)}, after the {run.size} readings of the run. '
+                      f'Measure with: {program()} calibrate --plan {escape(options.plan)}', soft_wrap=True)
 
 
 def show_advice(advice: Advice, n: int, radius: float) -> None:

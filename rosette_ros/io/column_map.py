@@ -5,6 +5,7 @@ Names of features give numbers by a pattern, such as `Ball{ball}_T{table}`; a ta
 the columns `axis` (or `{axis}` in the pattern) and `value`. Further entries are those of the heading: radius_mm."""
 
 import re
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -12,6 +13,7 @@ import numpy as np
 import yaml
 
 from rosette_ros.core.run.errors import InvalidData, unknown
+from rosette_ros.core.run.typed_words import as_typed
 from rosette_ros.io.safe_yaml import PlainDumper, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
@@ -41,6 +43,10 @@ _HINTS = {'ball': 'bks', 'table': 'tp', 'angle': 'arw'}
 """First letters of what stands before a number in the name of a feature: ball, Kugel, sphere; table, position ..."""
 Cells = Sequence[tuple[int, Sequence[str]]]
 """Line and cells of each row."""
+
+
+EXAMPLE = {'table': '...', 'ball': '...', 'x': '...', 'y': '...', 'z': '...', 'radius_mm': '182.5'}
+"""What is asked of columns whose names say nothing."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,13 @@ class ColumnMap:
     def words(self) -> str:
         """Return the map as `--columns` takes it."""
         return ','.join(f'{key}={value}' for key, value in self.entries.items())
+
+    def advice(self, source: str) -> str:
+        """Return what to do with a table of another program, where this is what its columns seem to be."""
+        given = self if self.is_enough else ColumnMap(EXAMPLE)
+        return 'if these are ball centres' + as_typed(
+            f', try: rosette import {shlex.quote(source)} --columns {shlex.quote(given.words())} --save map.yaml',
+            f': columns={given.entries}')
 
     def readings(self, names: Sequence[str], rows: Cells, source: str) -> tuple[list[tuple[int, dict[str, str]]], int]:
         """Return line and text by quantity of each reading, and how many rows have names that do not fit the pattern.
@@ -129,23 +142,28 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     return re.compile(f'{first}{between}{"".join(f".*?{last}" for last in others[-1:])}', re.IGNORECASE | re.DOTALL)
 
 
+def option_words() -> str:
+    """Return how the map is given where the user stands."""
+    return as_typed('--columns', 'columns=')
+
+
 def column_map(given: str | dict[str, str], columns: Iterable[str], heading: Iterable[str]) -> ColumnMap:
     """Return the map that is given by its entries, or as `--columns`: a file, or quantity=column,...
 
     columns, heading: keys of both. Raises InvalidData where it is none."""
     if isinstance(given, dict):
-        entries, source = given, '--columns'
+        entries, source = given, option_words().rstrip('=')
     elif '=' not in given:
         values = of_schema(parse_yaml(read_limited(given, 'a file of columns', MOST_BYTES), given, InvalidData), SCHEMA,
                            given, InvalidData, 'a file of rosette import FILE --columns ... --save')
         entries, source = {str(key): str(value) for key, value in values.items() if key != 'schema'}, given
     else:
-        parts, source = [part.partition('=') for part in given.split(',')], '--columns'
+        parts, source = [part.partition('=') for part in given.split(',')], option_words().rstrip('=')
         entries = {key.strip(): value.strip() for key, _, value in parts}
         if bad := next((''.join(part) for part in parts if not (part[0].strip() and part[2].strip())), ''):
-            raise InvalidData(f'--columns: expected quantity=column,..., found {bad!r:.80}')
+            raise InvalidData(f'{source}: expected quantity=column,..., found {bad!r:.80}')
         if len(entries) < len(parts):
-            raise InvalidData(f'--columns: expected each quantity once, found {given!r:.200}')
+            raise InvalidData(f'{source}: expected each quantity once, found {given!r:.200}')
     known = {*_CALLED, *SOURCES, *columns, *heading}
     for key in entries:
         if key not in known and key.rpartition('_')[0] not in (*_AXES, 'time', 'radius'):

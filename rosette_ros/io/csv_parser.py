@@ -6,7 +6,6 @@ as rosette writes it is a note in words."""
 
 import contextlib
 import re
-import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from rosette_ros.core.run.errors import InvalidData, counted, plain
 from rosette_ros.core.run.geometry import Floats, Ints
 from rosette_ros.core.run.records import Bools, steps_of
-from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, proposed
+from rosette_ros.io.column_map import ALIASES, ColumnMap, column_map, option_words, proposed
 from rosette_ros.io.csv_cells import cells_of
 from rosette_ros.io.foreign.foreign_table import ForeignTable
 from rosette_ros.io.foreign.formats import read_foreign
@@ -138,7 +137,7 @@ class _Sheet:
         """Put the columns of the table, and entries of its heading, in place of what a map says of those of a file."""
         if missing := sorted(columns.names - {*self.names}):
             raise wrong(self.source, self.line, '', f'the column{"s" * (len(missing) > 1)} {", ".join(missing)} of '
-                         '--columns', ','.join(self.names)[:200])
+                         f'{option_words()}', ','.join(self.names)[:200])
         found, other = columns.readings(self.names, [(line, self.cells(line, text)) for line, text in self.rows],
                                         self.source)
         if other:
@@ -294,11 +293,11 @@ def _check_all(sheet: _Sheet, heading: Heading, columns_of: ColumnMap | None) ->
     missing, source = sheet.find_columns(), sheet.source
     heads = f'{" and ".join(heading.lacks)} in the first lines' if heading.lacks else ''
     names = f'the column{"s" * (len(missing) > 1)} {", ".join(missing)}' if missing else ''
-    if missing and sheet.rows and not columns_of and (made := sheet.proposal(heading.keys)).is_enough:
-        advice = (f'if these are ball centres, try: rosette import {shlex.quote(source)} '
-                  f'--columns {shlex.quote(made.words())} --save map.yaml')
+    made = sheet.proposal(heading.keys) if missing and sheet.rows and not columns_of else None
+    if made and (made.is_enough or 'schema' not in heading.keys):
+        advice = made.advice(source)
     else:
-        advice = ('say all of it in --columns' if columns_of else
+        advice = (f'say all of it in {option_words()}' if columns_of else
                   f'{"add that line; " * (not missing)}{_TEMPLATE}')
     if missing and not heads:
         raise wrong(source, sheet.line, '', names, ','.join(sheet.names)[:200], advice)

@@ -15,8 +15,6 @@ from rosette_ros.io.table_heading import KEYS, SCHEMA
 from rosette_ros.plugins import added
 
 GROUP = 'rosette.readers'
-EXAMPLE = {'table': '...', 'ball': '...', 'x': '...', 'y': '...', 'z': '...', 'radius_mm': 182.5}
-"""What is asked of columns whose names say nothing."""
 KNOWN = ('', '.csv', '.mcap', '.txt')
 """Endings of files that need no reader of their own."""
 Columns = Mapping[str, object]
@@ -64,9 +62,8 @@ def run_of_table(table: Any, columns: Columns | None = None, source: str = 'tabl
     rows.writerows(zip(*(map(_cell, _values(table[name])) for name in names), strict=True))
     data = text.getvalue().encode()
     if not mapped and (proposal := proposal_for(data, source)):
-        known = proposal.entries if proposal.is_enough else EXAMPLE
         raise InvalidData(f'{source}: expected the columns and the radius of a ball-centre table, found '
-                          f'{",".join(names):.200}; if these are ball centres: columns={known}')
+                          f'{",".join(names):.200}; {proposal.advice(source)}')
     return parse_csv(data, source, read_columns(mapped))
 
 

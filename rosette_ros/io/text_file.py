@@ -14,8 +14,8 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from rosette_ros.core.run.errors import InvalidData, RosetteError
+from rosette_ros.core.run.typed_words import as_typed
 
-EXISTS = 'exists already; take another name or use --force'
 NO_FILE = 'a device or a pipe'
 READ_IN_FOLDERS = ('*.mcap', 'metadata.yaml', 'rosette-archive.json', '*/*.parquet')
 """What is read of a log and of an archive."""
@@ -78,10 +78,15 @@ def bare_name(path: str | Path) -> str:
     return full.name if full.is_dir() else full.stem
 
 
+def exists_words() -> str:
+    """Return what is wrong with a name that is taken, and what to do."""
+    return f'exists already; take another name or use {as_typed("--force", "force=True")}'
+
+
 def refuse_existing(path: str | Path, force: bool = False) -> None:
     """Raise InvalidData where a file exists already and `force` is not set."""
     if Path(path).exists() and not force:
-        raise InvalidData(f'{path}: {EXISTS}')
+        raise InvalidData(f'{path}: {exists_words()}')
 
 
 def refuse_output(path: str | Path, force: bool = False) -> None:
@@ -116,7 +121,7 @@ def write_bytes(path: str | Path, data: bytes, force: bool = False) -> None:
             replace_file(path, data, force)
     except OSError as error:
         exists = isinstance(error, FileExistsError)
-        raise InvalidData(f'{path}: {EXISTS if exists else f"cannot be written: {error.strerror}"}') from error
+        raise InvalidData(f'{path}: {exists_words() if exists else f"cannot be written: {error.strerror}"}') from error
 
 
 def replace_file(path: str | Path, data: bytes, force: bool = True) -> None:

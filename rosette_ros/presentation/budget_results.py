@@ -40,6 +40,14 @@ def budget_tables(made: Budget, found: MonteCarlo | None = None) -> tuple[Table,
     return contributions(made), *bounds, stated_inputs(made), *([monte_carlo_table(made, found)] if found else [])
 
 
+def expanded_words(made: Budget) -> str:
+    """Return the expanded uncertainties of the six curves in a sentence."""
+    names, scales = text.curve_names(made.fit.run.rotation), text.curve_scales()
+    return f'U (k = {COVERAGE_FACTOR}, rms over the angles): ' + ', '.join(
+        f'{name} {significant(COVERAGE_FACTOR * scale.factor * u)} {scale.unit}'
+        for name, scale, u in zip(names, scales, made.mean, strict=True)) + '.'
+
+
 def contributions(made: Budget) -> Table:
     """Return what each influence contributes to each curve."""
     lines, names = [one for one in made.contributions if not one.is_bound], text.curve_names(made.fit.run.rotation)

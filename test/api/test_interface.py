@@ -88,6 +88,33 @@ def test_json_of_ten_runs(seed, tmp_path, capsys):
         capsys, 'plan', '--order', order, '--balls', balls, '--radius-mm', '182.5', '--seed', seed, '--json')
 
 
+def test_a_plan_says_which_radius_it_assumes(tmp_path, capsys):
+    """Judged without one, never written: a CMM would drive to balls that are elsewhere."""
+    made = rosette.plan('row', balls=6)
+    assert 'on R = 182.5 mm (assumed)' in str(made)
+    assert 'on R = 90 mm in' in str(rosette.plan('row', balls=6, radius_mm=90))
+    with pytest.raises(rosette.InvalidPlan, match='row: expected radius_mm=, the radius of the circle of ball centres'):
+        made.write(tmp_path / 'plan.csv')
+    assert main(['plan', '--order', 'row', '--balls', '6', '-o', str(tmp_path / 'plan.csv')]) == 2
+    assert 'row: expected --radius-mm, the radius' in capsys.readouterr().err
+    rosette.plan('row', balls=6, radius_mm=90).write(tmp_path / 'plan.csv')
+    both = rosette.plan('diagonal', tmp_path / 'plan.csv').plans
+    assert [(one.scheme.n, round(1e3 * one.radius), one.is_stated) for one in both] == 2 * [(6, 90, True)]
+    with pytest.raises(rosette.InvalidPlan, match='plan: expected balls= and radius_mm= with an order, or a plan file'):
+        rosette.plan('row')
+
+
+def test_next_readings_are_those_of_the_command_line(tmp_path, capsys):
+    """Words, JSON and the plan; in the words of Python where a name is taken."""
+    path = tmp_path / 'run.csv'
+    rosette.simulate(machine(seed=5, hidden=()), 'diagonal').write(path)
+    made = rosette.next_readings(path, number=4)
+    assert made.json() + '\n' == printed(capsys, 'advise', path, '--readings', '4', '--json')
+    assert rosette.advise(path).json() + '\n' == printed(capsys, 'advise', path, '--json')
+    with pytest.raises(rosette.InvalidData, match='exists already; take another name or use force=True'):
+        rosette.read(path).write(path)
+
+
 def test_several_runs_are_evaluated_as_one(table, tmp_path, capsys):
     """The paths as they are given, the JSON byte for byte."""
     other = tmp_path / 'other.csv'
@@ -240,5 +267,7 @@ def test_own_effects_and_readers_of_this_process(table, monkeypatch):
 def test_a_package_that_is_missing_is_named(monkeypatch, found):
     """pandas, where a DataFrame is asked for."""
     monkeypatch.setitem(sys.modules, 'pandas', None)
-    with pytest.raises(rosette.PackageMissing, match='to_frame: expected the Python package pandas, found none; pip'):
+    with pytest.raises(rosette.PackageMissing, match='to_frame: expected the Python package pandas of the extra '
+                       r'notebook, found none; pip install '
+                       r'"rosette_ros\[notebook\]", or: pip install ipykernel pandas'):
         found.to_frame()

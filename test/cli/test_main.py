@@ -5,6 +5,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -39,9 +40,11 @@ def test_an_unknown_name_is_answered_by_the_nearest(refused, words, wanted):
 
 
 @pytest.mark.parametrize(('verb', 'package', 'what_to_do'), [
-    ('studio', 'nicegui', 'pip install nicegui plotly'),
+    ('studio', 'nicegui', 'pip install "rosette_ros[studio]", or: pip install nicegui plotly'),
     ('calibrate', 'rclpy', SOURCE), ('cell', 'action_msgs', SOURCE), ('replay', 'builtin_interfaces', SOURCE),
-    ('certificate', 'lxml', 'pip install lxml pypdf reportlab'), ('info', 'mcap_ros2', 'pip install mcap-ros2-support'),
+    ('certificate', 'lxml',
+     'pip install "rosette_ros[certificate]", or: pip install lxml pypdf reportlab'),
+    ('info', 'mcap_ros2', 'pip install mcap-ros2-support'),
 ])
 def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
     """By the name under which it is installed; the other verbs work without."""
@@ -50,7 +53,9 @@ def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
                           check=False)
     assert done.returncode == 2
     assert done.stdout == ''
-    assert done.stderr == f'rosette: {verb}: expected the Python package {package}, found none; {what_to_do}\n'
+    extra = re.search(r'\[(\w+)\]', what_to_do)
+    which = f'{package} of the extra {extra[1]}' if extra else package
+    assert done.stderr == f'rosette: {verb}: expected the Python package {which}, found none; {what_to_do}\n'
 
 
 def test_without_a_verb_comes_the_help(capsys):

@@ -314,7 +314,7 @@ def test_file_is_written_once_and_whole(tmp_path):
     """An existing file is kept; --force replaces it; nothing is left beside it."""
     run, path = parse(TABLE), tmp_path / 'table.csv'
     write_csv(run, path)
-    with pytest.raises(InvalidData, match='table.csv: exists already; take another name or use --force'):
+    with pytest.raises(InvalidData, match='table.csv: exists already; take another name or use force=True'):
         write_csv(run.take([0, 1]), path)
     assert read_csv(path).size == 9
     write_csv(run.take([0, 1]), path, force=True)

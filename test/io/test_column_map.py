@@ -12,10 +12,19 @@ from test_ball_centre_table import TABLE, parse, rows
 from rosette_ros.cli import data
 from rosette_ros.cli.main import main
 from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.typed_words import typed
 from rosette_ros.io.ball_centre_table import parse_csv, read_csv
 from rosette_ros.io.column_map import ColumnMap, format_columns
 from rosette_ros.io.csv_parser import proposal_for, read_columns
 from rosette_ros.io.foreign.formats import READERS
+
+
+@pytest.fixture(autouse=True)
+def as_a_command():
+    """Errors name options, as in a shell; in Python arguments (test/api)."""
+    with typed():
+        yield
+
 
 FOREIGN = Path(__file__).parent / 'foreign'
 CENTRES = [[100.0012, 0.0004, -0.0011], [-50.0007, 86.6031, 0.0002], [-49.9993, -86.6022, 0.0008],

@@ -28,7 +28,7 @@ def test_a_model_is_not_overwritten(tmp_path):
     """Unless forced, and then as a whole."""
     path = tmp_path / 'model.yaml'
     write_model(MODELS[0], path)
-    with pytest.raises(InvalidData, match='exists already; take another name or use --force'):
+    with pytest.raises(InvalidData, match='exists already; take another name or use force=True'):
         write_model(MODELS[2], path)
     assert read_model(path) == MODELS[0]
     write_model(MODELS[2], path, force=True)

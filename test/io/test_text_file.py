@@ -127,7 +127,7 @@ def test_a_file_that_comes_in_between_is_not_replaced(tmp_path, monkeypatch):
     """It was not there when the writer looked; on file systems without hard links too."""
     path, fsync = tmp_path / 'a.csv', os.fsync
     monkeypatch.setattr(os, 'fsync', lambda file: (fsync(file), path.write_text('theirs')))
-    with pytest.raises(InvalidData, match='exists already; take another name or use --force'):
+    with pytest.raises(InvalidData, match='exists already; take another name or use force=True'):
         write_text(path, 'ours')
     monkeypatch.undo()
 

@@ -12,6 +12,7 @@ from nicegui.events import GenericEventArguments
 from rosette_ros.core.run.errors import InvalidData, RosetteError, counted, one_line
 from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.presentation.plots.plot_style import COLOURS
+from rosette_ros.requirements import missing_words
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
 from rosette_ros.studio.panels import widgets
@@ -92,8 +93,7 @@ class ArchivePanel:
             view, questions = map(importlib.import_module, (
                 'rosette_ros.studio.archive_view', 'rosette_ros.archive.archive_questions'))
         except ImportError as error:
-            self._fail(InvalidData(f'archive: expected the Python package {error.name}, found none; install '
-                                   'distributed, duckdb, fsspec and pyarrow'))
+            self._fail(InvalidData(f'archive: {missing_words(error.name or "duckdb")}'))
             return
         equal = {'table': self._table.value} if self._runs and self._table.value else {}
         question = questions.Question(equal, self._since.value.strip(), self._until.value.strip(),
