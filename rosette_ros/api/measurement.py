@@ -46,20 +46,20 @@ Doing = Callable[[str], AbstractContextManager[object]]
 class Measurement:
     """A run, who measured what where, and where it came from; made by `read` and `simulate`.
 
-    path: of the file, '' where there is none; truth: of a simulated machine, the six curves without the parts that no
-    run can know."""
+    path: of the file, '' where there is none; stated: an identity file; columns: of a foreign table; truth: of a
+    simulated machine, the six curves without the parts that no run can know."""
 
     def __init__(self, run: Run | None = None, path: str = '', run_id: str | None = None,
                  columns: ColumnMap | None = None, stated: str | Path | None = None, truth: ErrorMotions | None = None
                  ) -> None:
-        self.path, self.run_id, self.truth = path, run_id, truth
-        self._run, self._columns, self._stated = run, columns, stated
+        self.path, self.run_id, self.truth, self.columns, self.stated = path, run_id, truth, columns, stated
+        self._run = run
 
     @cached_property
     def _opened(self) -> tuple[Run, Identity]:
         if self._run is not None:
             return self._run, Identity()
-        return open_identified(self.path, self.run_id, self._stated, self._columns)[:2]
+        return open_identified(self.path, self.run_id, self.stated, self.columns)[:2]
 
     @property
     def run(self) -> Run:
@@ -74,7 +74,7 @@ class Measurement:
     @cached_property
     def readings(self) -> Readings:
         """The run as one of several, which may have a plate of any pitch."""
-        return open_readings(self.path, self.run_id, self._columns) if self.path else Readings.of(self.run, None)
+        return open_readings(self.path, self.run_id, self.columns) if self.path else Readings.of(self.run, None)
 
     @cached_property
     def has_plate(self) -> bool:

@@ -3,22 +3,17 @@
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
-from datetime import date
 from pathlib import Path
 
 from rich.markup import escape
 
-from rosette_ros.certificate.dcc import to_xml
+from rosette_ros.api.documents import certificate_of, write_certificate
 from rosette_ros.certificate.dcc_check import MOST_BYTES, Verified, verify_certificate
-from rosette_ros.certificate.statements import Certificate, Inputs, state
-from rosette_ros.cli.arguments import SHARED, UsageError, add_shared, load
+from rosette_ros.certificate.statements import Certificate
+from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
 from rosette_ros.cli.console import console, doing, print_json, print_parts, print_verdict
 from rosette_ros.cli.opened import add_joint, is_joint
-from rosette_ros.io.budget_file import read_stated, refuse_examples
-from rosette_ros.io.identity_file import Identity, folder_of, read_identity
-from rosette_ros.io.model_file import read_model
-from rosette_ros.io.sharing_file import read_sharing
-from rosette_ros.io.text_file import bare_name, read_limited, refuse_output, write_bytes
+from rosette_ros.io.text_file import bare_name, read_limited, refuse_output
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.error_results import TITLE, errors
 from rosette_ros.presentation.identity_words import SIMULATED
@@ -62,22 +57,9 @@ def make(options: Namespace) -> None:
                              f'--pdf '
                              'the pages for people')
         refuse_output(one, options.force)
-    identity = read_identity(options.identity) if options.identity else Identity()
-    several = is_joint(options)
-    inputs = Inputs(
-        identity, identity['certificate.date'] or date.today().isoformat(),
-        read_model(options.model).to_mapping() if options.model else None, options.run_id, several,
-        read_sharing(options.share, len(options.run_path)) if several else {},
-        read_stated(options.inputs, options.environment))
-    refuse_examples(inputs.budget, str(options.inputs))
-    with doing('evaluating'):
-        certificate = state(options.run_path, inputs, ask)
-    data = to_xml(certificate)
-    made = load('rosette_ros.certificate.pages', '--pdf').to_pdf(
-        certificate, data, path.name, folder_of(options.identity)) if options.pdf else b''
-    write_bytes(path, data, options.force)
-    if options.pdf:
-        write_bytes(options.pdf, made, options.force)
+    certificate = certificate_of(options.run_path, options.model, options.run_id, options.identity, options.inputs,
+                                 options.environment, options.share, is_joint(options), ask, doing)
+    write_certificate(certificate, path, options.pdf, options.identity, options.force)
     show(certificate, path, options.pdf)
 
 

@@ -20,12 +20,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
+from rosette_ros.api.documents import verification_of
 from rosette_ros.calibration.settings import run_name
 from rosette_ros.cli import hidden_demo
 from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, load, made_folder, number, until, whole
-from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_verdict
+from rosette_ros.cli.console import console, doing, fit_rows, head, pairs, print_parts, print_verdict
 from rosette_ros.cli.hidden_demo import MACHINE, compare, shown, write_machine
-from rosette_ros.cli.report import print_result, verification_of
+from rosette_ros.cli.report import print_result
 from rosette_ros.core.run.errors import InvalidConfig
 from rosette_ros.core.run.geometry import nominal_angles
 from rosette_ros.core.run.records import CURVES
@@ -233,7 +234,7 @@ def verify_method(options: Namespace) -> None:
     seconds, name = running.seconds, f'verification_{paths[0].name}'
     maker, page = running.logs / f'{name}_maker.csv', running.logs / f'{name}.html'
     write_text(maker, maker_table(Machine(config)))
-    verification = verification_of(paths, maker)
+    verification = verification_of(paths, maker, doing=doing)
     again = ['report', '--compare', *map(shown, paths), '--maker', shown(maker)]
     write_text(page, verification_html(verification, shlex.join(['rosette', *again])))
     out.print(f'\nTook {seconds:.1f} s; a real cell would have measured for '

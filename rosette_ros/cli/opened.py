@@ -10,11 +10,7 @@ from rosette_ros.api.evaluating import JointEvaluation, evaluated_jointly
 from rosette_ros.api.measurement import JudgedRun, read
 from rosette_ros.cli.arguments import UsageError
 from rosette_ros.cli.console import doing, head, print_verdict, warn
-from rosette_ros.core.joint.joint_evaluation import JointResult, evaluate_jointly
-from rosette_ros.core.joint.readings import Readings
-from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.open_run import has_plate
-from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.words.verdict_words import verdict_text
 
 
@@ -71,10 +67,3 @@ def joint(options: Namespace, where: Sequence[float] = ()) -> JointEvaluation:
     """Return the joint evaluation of the runs of the options; where: as of `evaluated_jointly`."""
     every = [read(path, vars(options).get('columns'), options.run_id) for path in options.run_path]
     return evaluated_jointly(every, options.inputs, options.environment, options.share, options.identity, where)
-
-
-def joint_result(options: Namespace, runs: Sequence[Readings]) -> JointResult:
-    """Return runs that are read evaluated as one, in the environment that the options state."""
-    stated = read_stated(options.inputs, options.environment)
-    return evaluate_jointly(runs, read_sharing(options.share, len(options.run_path)),
-                            environment_of(stated, options.inputs or 'budget inputs'))

@@ -3,43 +3,24 @@
 
 import re
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import STEPS, analyse, curves_over, summarise
+from rosette_ros.analysis import STEPS
+from rosette_ros.api.documents import Page, joint_page, run_page, verification_page
+from rosette_ros.api.measurement import read
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, doing, head, print_verdict
-from rosette_ros.cli.opened import add_joint, is_joint, joint_result
+from rosette_ros.cli.opened import Opened, add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import VerdictText
-from rosette_ros.core.joint.conclusion import conclude
-from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.io.budget_file import budget_inputs, read_stated
-from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.text_file import bare_name, refuse_output, write_text
-from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation.plots.plot_style import save_all
-from rosette_ros.presentation.plots.result_plots import Series
-from rosette_ros.presentation.report import verification
-from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables, open_with_files
-from rosette_ros.presentation.report.provenance import digest, open_source
-from rosette_ros.presentation.report.run_page import (
-    every_table,
-    pictures_of,
-    report_html,
-    result_of,
-    touches_of,
-)
-from rosette_ros.presentation.report.verification import Verification, read_maker, verify
 from rosette_ros.presentation.table_format import Table
-from rosette_ros.words.result_words import ConclusionText, conclusion_text
-from rosette_ros.words.verdict_words import verdict_text
+from rosette_ros.words.result_words import ConclusionText
 
 LONGEST_NAME = 50
 """Characters in the name of a table's file: 255 bytes are the limit of file systems."""
@@ -48,7 +29,7 @@ LONGEST_NAME = 50
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='*')
-    add_shared(parser, '--run-id', '--model', '--identity')
+    add_shared(parser, '--run-id', '--columns', '--model', '--identity')
     parser.add_argument('-o', '--output', metavar='FILE',
                         help='the page (HTML) to write; by default named after RUN, in this folder')
     parser.add_argument('--overlay', metavar='RUN', nargs='+', default=[],
@@ -75,7 +56,8 @@ def run(options: Namespace) -> None:
         raise InvalidData('report: --format goes with --figures only; leave it out')
     if bool(options.run_path) == bool(options.compare):
         raise InvalidData('report: expected either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
-    for name in ('inputs', 'environment', 'run_id', 'overlay', 'joint', 'share', 'identity', 'refit_spheres'):
+    for name in ('inputs', 'environment', 'run_id', 'columns', 'overlay', 'joint', 'share', 'identity',
+                 'refit_spheres'):
         if options.compare and getattr(options, name):
             raise InvalidData(f'report: --{name.replace("_", "-")} does not go with --compare; leave it out')
     if options.compare:
@@ -91,68 +73,28 @@ def report_jointly(options: Namespace) -> None:
     if options.overlay:
         raise InvalidData('report: --overlay does not go with --joint; leave it out')
     path = output_of(options, 'joint')
-    opened = [open_with_files(one, options.run_id) for one in options.run_path]
-    with doing('evaluating'):
-        result = joint_result(options, [run for run, _ in opened])
-    identity, contradictions = joint_identity(options.run_path, options.run_id, options.identity)
-    files = [one for _, files in opened for one in files]
-    files += map(digest, filter(None, (options.share, options.identity, options.inputs)))
-    pictures = joint_pictures(result)
-    write_text(path, joint_html(result, files, options.command_line, pictures, identity, contradictions,
-                                options.annex), options.force)
-    write_parts(options, pictures, joint_tables(result, identity))
-    print_result(console(), conclusion_text(conclude(result)), path)
+    every = [read(one, options.columns, options.run_id) for one in options.run_path]
+    page = joint_page(every, options.inputs, options.environment, options.share, options.identity, options.annex,
+                      options.command_line, doing)
+    write(options, page, path)
 
 
 def report_run(options: Namespace, place: str) -> None:
     """Write the report of one run."""
     path = output_of(options, bare_name(place))
-    model = read_model(options.model)
-    stated = read_stated(options.inputs, options.environment)
-    inputs = budget_inputs(stated, options.inputs or 'budget inputs') if stated else None
-    measured, source = open_source(place, options.run_id, options.identity)
-    if options.refit_spheres:
-        measured = open_refitted(place, options.run_id)[0]
-    overlays = []
-    for over in options.overlay:
-        other, other_source = open_source(over)
-        overlays.append(Series(other.run_id or str(over), curves_over(measured, other, model)))
-        source = replace(source, files=(*source.files, *other_source.files))
-    further = tuple(map(digest, filter(None, (options.model, options.identity, options.inputs))))
-    source = replace(source, files=(*source.files, *further))
-    out, is_whole = console(), bool(options.annex or options.figures or options.tables)
+    is_whole = bool(options.annex or options.figures or options.tables)
+    measured = Opened(options, place).measured
     with doing('', len(STEPS) + is_whole) as step:
-        summary = summarise(measured, model, step, has_ladder=is_whole)
-        summary = replace(summary, environment=inputs.environment if inputs else None)
-        step('draw')
-        refit = touches_of(source)[0]
-        result = result_of(summary, refit, inputs)
-        pictures = pictures_of(summary, overlays, result, is_whole, source)
-        write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs, options.annex),
-                   options.force)
-        write_parts(options, pictures, every_table(summary, source.identity, result))
-    out.print(head(measured))
-    print_result(out, verdict_text(summary.verdict), path)
+        page = run_page(measured, options.model, options.inputs, options.environment, options.identity,
+                        options.overlay, options.refit_spheres, options.annex, is_whole, options.command_line, step)
+    write(options, page, path)
 
 
 def compare_runs(options: Namespace) -> None:
     """Write the report on runs that must agree."""
     path = output_of(options, 'verification')
-    verified = verification_of(options.compare, options.maker, read_model(options.model))
-    pictures = verification.verification_pictures(verified, bool(options.annex or options.figures))
-    page = verification.verification_html(verified, options.command_line, pictures, options.annex)
-    write_text(path, page, options.force)
-    write_parts(options, pictures, verification.verification_tables(verified))
-    print_result(console(), verified.verdict, path)
-
-
-def verification_of(paths: Iterable[Path | str], maker: Path | str | None = None,
-                    model: Model | None = None) -> Verification:
-    """Return the Verification of runs by their paths; maker: path of the maker's table."""
-    opened = [open_source(path) for path in paths]
-    table = read_maker(maker) if maker else None
-    with doing('evaluating'):
-        return verify([(analyse(measured, model), source) for measured, source in opened], table)
+    write(options, verification_page(options.compare, options.maker, options.model, options.annex,
+                                     bool(options.figures), options.command_line, doing), path)
 
 
 def output_of(options: Namespace, name: str) -> Path:
@@ -162,14 +104,20 @@ def output_of(options: Namespace, name: str) -> Path:
     return path
 
 
-def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iterable[Table]) -> None:
-    """Write every figure and every table into the folders that the options name."""
+def write(options: Namespace, page: Page, path: Path) -> None:
+    """Write the page and, into the folders that the options name, every figure and table; say what it says."""
+    write_text(path, page.html, options.force)
     if options.figures:
-        save_all(pictures, made_folder(options.figures, 'to write to', ''), options.format or 'svg', options.force)
-    for name, table in file_names(tables).items() if options.tables else ():
-        path = made_folder(options.tables, 'to write to', '') / f'{name}.csv'
-        keep_inputs(options, path)
-        write_text(path, table.csv(), options.force)
+        save_all(page.pictures, made_folder(options.figures, 'to write to', ''), options.format or 'svg',
+                 options.force)
+    for name, table in file_names(page.tables).items() if options.tables else ():
+        file = made_folder(options.tables, 'to write to', '') / f'{name}.csv'
+        keep_inputs(options, file)
+        write_text(file, table.csv(), options.force)
+    out = console()
+    if page.run is not None:
+        out.print(head(page.run))
+    print_result(out, page.verdict, path)
 
 
 def file_names(tables: Iterable[Table]) -> dict[str, Table]:

@@ -24,6 +24,8 @@ from rosette_ros.io.text_file import reading
 WANTED = 'a log directory, an .mcap file or a CSV table'
 _PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
 _HEAD = 1 << 16
+
+
 def is_log(path: str | Path) -> bool:
     """Whether a path is a log: a directory, or a file that begins as MCAP does.
 
@@ -44,12 +46,12 @@ def is_log(path: str | Path) -> bool:
     return begin.startswith(MAGIC) or path.suffix == '.mcap'
 
 
-def open_run(path: str | Path, run_id: str | None = None) -> Run:
+def open_run(path: str | Path, run_id: str | None = None, columns_of: ColumnMap | None = None) -> Run:
     """Return the Run of a log directory, an .mcap file or a CSV table, recognised by its content.
 
-    run_id chooses where a log holds several runs. Raises InvalidData where it is none of them, or a table holds another
-    run than the one asked for."""
-    return _open(path, run_id)[0]
+    run_id chooses where a log holds several runs; columns_of: as of open_identified. Raises InvalidData where it is
+    none of them, or a table holds another run than the one asked for."""
+    return _open(path, run_id, columns_of)[0]
 
 
 def open_identified(path: str | Path, run_id: str | None = None, file: str | Path | None = None,

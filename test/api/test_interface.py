@@ -264,6 +264,21 @@ def test_own_effects_and_readers_of_this_process(table, monkeypatch):
     assert np.array_equal(rosette.read(copy).run.centre, rosette.read(table).run.centre)
 
 
+def test_the_report_is_that_of_the_command_line(table, tmp_path):
+    """But for the line that repeats the command; of a table of another program, too."""
+    own = pandas.read_csv(table, comment='#')[['table_position', 'ball', 'x_mm', 'y_mm', 'z_mm']]
+    own.columns = ['Pos', 'Kugel', 'X', 'Y', 'Z']
+    own.to_csv(foreign := tmp_path / 'own.csv', index=False)
+    columns = {'table': 'Pos', 'ball': 'Kugel', 'x': 'X', 'y': 'Y', 'z': 'Z', 'radius_mm': 182.5}
+    page = tmp_path / 'verb.html'
+    words = ','.join(f'{key}={value}' for key, value in columns.items())
+    assert main(['report', str(foreign), '--columns', words, '-o', str(page)]) == 0
+    made = rosette.report(rosette.read(foreign, columns=columns), path=tmp_path / 'function.html')
+    lines, others = (path.read_text(encoding='utf-8').splitlines() for path in (page, made))
+    less = [line for line in lines if line not in others]
+    assert len(less) <= 2 and all('rosette report' in line for line in less)
+
+
 def test_a_package_that_is_missing_is_named(monkeypatch, found):
     """pandas, where a DataFrame is asked for."""
     monkeypatch.setitem(sys.modules, 'pandas', None)

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from rosette_ros.analysis import analyse
+from rosette_ros.api.documents import verification_of
 from rosette_ros.cli import demo
-from rosette_ros.cli.report import verification_of
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.report.verification import PAPER
 

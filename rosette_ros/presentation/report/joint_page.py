@@ -32,8 +32,13 @@ CLOCKWISE_LESS = 'counter-clockwise less clockwise'
 def open_with_files(path: Path | str, run_id: str | None = None) -> tuple[Readings, tuple[FileDigest, ...]]:
     """Return the Readings of a log or table and the files they come from; raises InvalidData as `open_readings`."""
     run = open_readings(path, run_id)
+    return run, files_of(path, run)
+
+
+def files_of(path: Path | str, run: Readings) -> tuple[FileDigest, ...]:
+    """Return the files from which the Readings of a log or table come."""
     files = find_files(path).files if is_log(path) else (path, *([run.plate.source] if has_plate(path) else []))
-    return run, tuple(map(digest, files))
+    return tuple(map(digest, files))
 
 
 def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: str = '',

@@ -15,6 +15,7 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.invocation import __version__
+from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import LogRun
@@ -65,10 +66,12 @@ class Source:
         return refit_if_touched(self.path, self.run_id)
 
 
-def open_source(path: Path | str, run_id: str | None = None, file: Path | str | None = None) -> tuple[Run, Source]:
-    """Return the Run and the Source of a log or a table; file: an identity file; raises InvalidData as `open_run`."""
+def open_source(path: Path | str, run_id: str | None = None, file: Path | str | None = None,
+                columns_of: ColumnMap | None = None) -> tuple[Run, Source]:
+    """Return the Run and the Source of a log or a table; file, columns_of: as of `open_identified`; raises InvalidData
+    as `open_run`."""
     if not is_log(path):
-        run = open_run(path, run_id)
+        run = open_run(path, run_id, columns_of)
         days = [] if run.begun is None else [run.begun, run.begun + float(np.ptp(run.time))]
         begun, ended = (instant(round(1e9 * one)) for one in days) if days else ('', '')
         return run, Source(str(path), (digest(path),), begun, ended=ended, identity=stated(Identity(), file)[0])
