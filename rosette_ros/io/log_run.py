@@ -45,12 +45,13 @@ MOST_SETTINGS = 16 << 20  # longest settings in a log, characters
 
 
 class PublishedMotions(NamedTuple):
-    """Error motions as the evaluator published them."""
+    """Error motions as the evaluator published them; rms: of the residual, m."""
 
     run_id: str
     motions: ErrorMotions
     model_name: str
     completeness: float
+    rms: float
 
     @staticmethod
     def of(message: Any) -> 'PublishedMotions':
@@ -59,7 +60,7 @@ class PublishedMotions(NamedTuple):
                                            [getattr(message, f'u_{curve}') for curve in CURVES],
                                            msg.rotation_of_motions(message))
         return PublishedMotions(plain(message.run_id), motions, plain(message.model_name, 4000),
-                                float(message.completeness))
+                                float(message.completeness), float(message.residual_rms))
 
 
 RECORDS: dict[str, Callable[[Any], msg.Target | msg.Answer | msg.CalibrationProgress]] = {

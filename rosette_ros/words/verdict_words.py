@@ -48,6 +48,13 @@ HEADLINES = {
     Outcome.NO_REPEATABILITY: 'NOT JUDGED, THE REPEATABILITY IS NOT KNOWN',
     Outcome.NOT_DETERMINABLE: 'TOO FEW READINGS FOR THE MODEL'}
 """How an outcome is shown; files and messages have its value."""
+SHORT = {
+    Outcome.UNIT: 'unit in doubt', Outcome.FITS: 'model fits', Outcome.NAMED: 'effect found',
+    Outcome.SUSPECTED: 'effect suspected', Outcome.UNNAMED: 'cause not identified',
+    Outcome.SCATTERS: 'scatters too much', Outcome.DOUBTFUL_READINGS: 'readings in doubt',
+    Outcome.NOISE: 'noise is unusual', Outcome.NO_REPEATABILITY: 'repeatability not known',
+    Outcome.NOT_DETERMINABLE: 'too few readings'}
+"""An outcome in at most three words, where many runs stand in a list."""
 NOTHING_TO_DO = 'Nothing needs to be done.'
 VARIABLES = {
     'time': 'time', 'table angle': 'the table angle', 'CMM position': 'the CMM position',

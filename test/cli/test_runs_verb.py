@@ -15,7 +15,7 @@ from mcap.writer import Writer
 from simulated import simulated_table
 from terminal import Terminal
 
-from rosette_ros.analysis import judge
+from rosette_ros.analysis import analyse, conformity_of, judge
 from rosette_ros.invocation import program
 from rosette_ros.io.open_run import open_run
 from rosette_ros.words.verdict_words import verdict_text
@@ -41,16 +41,33 @@ def test_runs_are_listed_with_their_verdicts(rosette, folder):
     for one in found:
         assert one['verdict'] == verdict_text(judge(open_run(one['path']))).sentence
         assert (one['n'], one['readings'], one['problem']) == (8, 64, '')
-    out = ' '.join(rosette('runs', folder).out.split())
-    assert '2 runs' in out and 'most likely linear probe drift' in ' '.join(out.split())
+        assert one['residual_m'] == pytest.approx(analyse(open_run(one['path'])).rms, rel=1e-12)
+    lines = rosette('runs', folder).out.splitlines()
+    assert '2 runs' in lines[0]
+    [drift] = [line for line in lines if 'drift.csv' in line]
+    assert 'effect found' in drift and f'{1e6 * found[0]["residual_m"]:.3f}' in drift
+    assert 'most likely linear probe drift' in ' '.join(rosette('runs', folder, '--long').out.split())
 
 
-def test_a_file_that_is_no_run_is_listed_with_its_problem(rosette, folder):
+def test_a_file_that_is_no_run_is_told_on_request(rosette, folder):
     """The others are judged."""
     (folder / 'broken.csv').write_text('nothing')
     found = {Path(one['path']).name: one for one in json.loads(rosette('runs', folder, '--json').out)['runs']}
     assert found['broken.csv']['verdict'] is None and 'broken.csv' in found['broken.csv']['problem']
-    assert found['clean.csv']['verdict']
+    assert found['clean.csv']['verdict'] and not found['broken.csv']['is_run']
+    assert 'broken' not in rosette('runs', folder).out and 'broken' in rosette('runs', folder, '--long').out
+
+
+def test_a_run_of_a_cell_is_one_line(rosette, tmp_path):
+    """When, of which table, in which order, its residual, whether it keeps its tolerances."""
+    shutil.copytree(GOLDEN / 'log_clean_n6_diagonal', tmp_path / 'log')
+    found = json.loads(rosette('runs', tmp_path, '--json').out)['runs'][0]
+    run = open_run(tmp_path / 'log')
+    assert (found['n'], found['readings'], found['run_id']) == (run.n, run.size, run.run_id)
+    assert found['residual_m'] == pytest.approx(analyse(run).rms, rel=1e-6) and found['conformity'] is None
+    fitted, verdict = analyse(open_run(simulated_table())), verdict_text(judge(open_run(simulated_table())))
+    assert conformity_of(fitted, verdict, {'ctx': 1.0, 'crz': 1.0}) in ('conforms', 'not decidable')
+    assert conformity_of(fitted, None, {'ctx': 1.0, 'crz': 1e-9}) == 'does not conform'
 
 
 def test_a_cancelled_run_is_told_as_that(rosette, tmp_path):
