@@ -7,7 +7,7 @@ another run confirms it (`cross_check`), the next measurement (`advise`, `advise
 Several runs give one evaluation (`evaluate_jointly`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 

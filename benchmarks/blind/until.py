@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings until the cause is known: blocks that are chosen against the order that goes on, stopped by the same rule.
 
-    python -m benchmarks.blind.until --order sensitive --machines 100
+    python -m benchmarks.blind.until --order interleaved --machines 100
 
 Each machine hides one or two effects, which show with 9 to 12 sigma in its complete first run. Both ways begin with the
 fewest readings of the order, in steps of n, that determine the curves, and follow it as long as nothing is missing.
@@ -209,7 +209,7 @@ def work(search: Search) -> list[Record]:
 def main(argv: list[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.blind.until', description=__doc__.splitlines()[0])
-    parser.add_argument('--order', default='sensitive')
+    parser.add_argument('--order', default='interleaved')
     parser.add_argument('--machines', type=int, default=100)
     parser.add_argument('--first', type=int, default=1)
     parser.add_argument('--balls', type=int, default=12)

@@ -276,15 +276,20 @@ def _residual(rows: Sequence[Mapping[str, Any]]) -> TimeSeries:
 
 @dataclass(frozen=True, eq=False)
 class TableTrend:
-    """The trend of a table. unkept: errors that are not within their tolerance for certain (ISO 14253-1);
-    recent: changes among the last runs; warnings: both in sentences."""
+    """The trend of a table. decided: on each tolerance by the last run (ISO 14253-1); recent: changes among the last
+    runs; warnings: both in sentences."""
 
     history: History
     events: tuple[Event, ...]
     forecasts: Mapping[str, Forecast]
-    unkept: tuple[str, ...]
+    decided: Mapping[str, Conformity]
     recent: tuple[Event, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def unkept(self) -> tuple[str, ...]:
+        """Errors that are not within their tolerance for certain."""
+        return tuple(curve for curve, one in self.decided.items() if one is not Conformity.CONFORMS)
 
     @property
     def level(self) -> str:
@@ -316,7 +321,7 @@ class TableTrend:
         history, events = self.history, self.events
         made = [results.events_table(events, history.dates, history.runs, [
             history.exchanged(event.run) for event in events])] if events else []
-        return made + ([results.forecast_table(self.forecasts, history.tolerances, history.dates[-1])]
+        return made + ([results.forecast_table(self.forecasts, self.decided, history.dates[-1])]
                        if self.forecasts else [])
 
     @property
@@ -331,12 +336,12 @@ def trend_of(history: History) -> TableTrend:
     """Return the trend that a history shows."""
     events = history.events()
     recent = tuple(event for event in events if event.run >= len(history.runs) - LATELY)
-    unkept, said = [], []
+    decided, said = dict[str, Conformity](), list[str]()
     for curve, limit in history.tolerances.items():
         place = CURVES.index(curve)
         value, expanded = float(history.range[-1, place]), float(history.U[-1, place])
-        if (found := conformity(value, expanded, limit)) is not Conformity.CONFORMS:
-            unkept.append(curve)
+        decided[curve] = found = conformity(value, expanded, limit)
+        if found is not Conformity.CONFORMS:
             factor, unit = text.curve_scales()[place]
             said.append(f'{curve} {factor * value:.3g} ± {factor * expanded:.2g} {unit}: {found} to its tolerance of '
                         f'{factor * limit:.3g} {unit}')
@@ -345,4 +350,4 @@ def trend_of(history: History) -> TableTrend:
         said.append(f'{names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
                     f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by '
                     f'{results.size_words(strongest)}')
-    return TableTrend(history, events, history.forecasts(events), tuple(unkept), recent, tuple(said))
+    return TableTrend(history, events, history.forecasts(events), decided, recent, tuple(said))

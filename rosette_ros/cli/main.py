@@ -236,6 +236,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         '`rosette VERB --help` explains a verb.')
     parser.add_argument('--version', action='version', version=f'rosette {__version__}')
     verbs = parser.add_subparsers(metavar='VERB', prog='rosette', parser_class=Parser, help=argparse.SUPPRESS)
+    if argv and argv[0] == 'help':
+        argv = [*argv[1:], '--help']
     asked = argv[0] if argv else '--help'
     for verb, (module, text) in VERBS.items():
         of_verb = verbs.add_parser(verb, description=f'{text[0].upper()}{text[1:]}.')

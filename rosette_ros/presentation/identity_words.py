@@ -43,6 +43,12 @@ def conditions(identity: Identity) -> list[tuple[str, str]]:
             for name, words in SECTIONS['conditions'].items()]
 
 
+def stated_days(identity: Identity) -> str:
+    """Return the days of measuring that are stated, '' where none are."""
+    begin, end = identity['measured.begin'], identity['measured.end']
+    return f'not recorded; measured {begin}{f" to {end}" * (end not in ("", begin))}, as stated' if begin else ''
+
+
 def simulated_words(simulated: Sequence[str], count: int) -> str:
     """Return the sentence of a page about those of `count` runs, by name, that were simulated, '' where none was."""
     names = 'the readings' if len(simulated) == count else f'the readings of {", ".join(simulated)}'

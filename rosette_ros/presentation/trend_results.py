@@ -13,6 +13,7 @@ from rosette_ros.core.run.errors import counted
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats
 from rosette_ros.core.table.trend import LEAST_LINE, Event, Forecast, Shift
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import Conformity
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words
 from rosette_ros.presentation.plots import plot_style as style
@@ -83,23 +84,22 @@ def slope_words(one: Forecast, curve: str) -> str:
     return f'{year * one.slope:+.3f} ± {COVERAGE_FACTOR * year * one.slope_u:.3f} {unit}'
 
 
-def forecast_table(forecasts: Mapping[str, Forecast], tolerances: Mapping[str, float],
+def forecast_table(forecasts: Mapping[str, Forecast], decided: Mapping[str, Conformity],
                    last: datetime.datetime) -> Table:
-    """Return when each error reaches its tolerance, and the proposed interval."""
+    """Return when each error reaches its tolerance, and the proposed interval; decided: on the last run, by curve."""
     curves = list(forecasts)
     made = [forecasts[curve] for curve in curves]
     return Table('forecast', 'When tolerances are reached', (
         words('error', 'error motion', curves),
         words('slope', 'per year', [slope_words(one, curve) for curve, one in zip(curves, made)]),
         words('expected', 'expected', [
-            _date(last, one.expected, 'reached' if one.level >= tolerances[curve] else 'within U')
+            _date(last, one.expected, 'now' if decided[curve] is Conformity.CONFORMS else decided[curve].value)
             for curve, one in zip(curves, made)]),
         words('soonest', 'not before (95 %)', [_date(last, one.soonest, 'now') for one in made]),
         words('interval', 'next calibration within', [f'{one.interval:.0f} d' for one in made])),
         note='The tolerance less U (guard band, ISO 14253-1), by straight lines through the curves since their last '
-             'change; within U: neither conformity nor '
-             'non-conformity can be proven; the interval is between half and twice the '
-             'present one (ILAC-G24, control chart).')
+             'change; not decidable: neither conformity nor non-conformity can be proven; the interval is between '
+             'half and twice the present one (ILAC-G24, control chart).')
 
 
 def _date(last: datetime.datetime, ahead: float, passed: str) -> str:

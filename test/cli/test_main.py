@@ -58,6 +58,18 @@ def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
     assert done.stderr == f'rosette: {verb}: expected the Python package {which}, found none; {what_to_do}\n'
 
 
+@pytest.mark.parametrize('words', [('help',), ('help', 'correct'), ('help', 'archive', 'query')])
+def test_help_of_a_verb_is_asked_for_in_either_way(capsys, words):
+    """`rosette help correct` is `rosette correct --help`."""
+    shown = []
+    for asked in (words, (*words[1:], '--help')):
+        with pytest.raises(SystemExit) as end:
+            main(list(asked))
+        assert end.value.code == 0
+        shown.append(capsys.readouterr().out)
+    assert shown[0] == shown[1] and ' '.join(words[1:]) in shown[0]
+
+
 def test_without_a_verb_comes_the_help(capsys):
     """Every verb stands in it, in its group."""
     with pytest.raises(SystemExit) as end:

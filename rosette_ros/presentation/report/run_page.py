@@ -25,7 +25,7 @@ from rosette_ros.io.model_file import format_model
 from rosette_ros.io.reading_checks import known_temperatures, remark_on_temperature
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, budget_tables
-from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer, who_words
+from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer, stated_days, who_words
 from rosette_ros.presentation.plots import comparison_plots, plan_plots, residual_plots, touch_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals
 from rosette_ros.presentation.plots.result_plots import (
@@ -232,7 +232,8 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Readings', text.run_size(run)),
             ('Mean radius', f'{fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Table axis', text.axis_words(run.rotation)), ('Sequence', text.sequence_words(order_of(run, source))),
-            ('Log begun', source.begun if source and source.begun else 'not recorded'),
+            ('Log begun', source.begun if source and source.begun else stated_days(source.identity if source else
+                                                                                   Identity()) or 'not recorded'),
             ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(
