@@ -166,7 +166,7 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
         np.array([[row[f'range_{key}'] for key in CURVE_KEYS] for row in rows]),
         np.array([[row[f'U_range_{key}'] for key in CURVE_KEYS] for row in rows]),
         np.array([[row[key] if row['n'] == n else np.full(n, np.nan) for key in CURVE_KEYS] for row in rows]),
-        next(filter(None, map(_limits, reversed(rows))), {}),
+        limits_of(rows),
         np.array([np.nan if row['temperature_mean_C'] is None else row['temperature_mean_C'] for row in rows]),
         (*_table(rows), *_places(rows, 'plate', 'ball'), *_places(rows, 'cmm', 'position'), *_effects(rows),
          _residual(rows)),
@@ -174,6 +174,11 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
         tuple(tuple(row['missing'] or ()) for row in rows),
         tuple(row['run_id'] for row in rows if row['simulated']), left_out,
         tuple(row['run_id'] for row in rows if row['n'] != n), tuple(row['path'] for row in rows))
+
+
+def limits_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return the tolerances of the last of rows, in the order of time, that states any, by curve, m and rad."""
+    return next(filter(None, map(_limits, reversed(rows))), {})
 
 
 def _limits(row: Mapping[str, Any]) -> dict[str, float]:

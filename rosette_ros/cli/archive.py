@@ -15,6 +15,7 @@ from rich.text import Text
 
 from rosette_ros.archive import reanalysis
 from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for, environment_of_cell
+from rosette_ros.archive.plant import plant_json, plant_of, plant_table
 from rosette_ros.archive.reanalysis import RunChange, TrendComparison
 from rosette_ros.archive.run_adding import Added, Engine, add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive, local_folder
@@ -354,6 +355,23 @@ def _change_json(one: RunChange) -> dict[str, object]:
             'change': by_curve(one.change), 'of_u': by_curve(one.of_u)}
 
 
+def plant_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'archive', '--angle-unit')
+    add_formats(parser, csv='print a line for each table as CSV')
+
+
+def run_plant(options: Namespace) -> None:
+    """Print all tables, the most urgent first."""
+    states = plant_of(RunArchive(options.archive), datetime.datetime.now(datetime.UTC))
+    if options.json:
+        print_json(plant_json(states))
+    elif options.csv:
+        sys.stdout.write(plant_table(states).csv())
+    else:
+        print_parts(console(), [plant_table(states)])
+
+
 def trend_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'archive')
@@ -430,6 +448,8 @@ IMPLEMENTED = {
                         environment_arguments, run_environment),
         'experience': ('what the runs of a cell have taught of its causes, as a file for --experience',
                        experience_arguments, run_experience),
+        'plant': ('all tables: last result, conformity, when to calibrate again; the most urgent first',
+                  plant_arguments, run_plant),
         'reanalyse': ('evaluate all runs under another model and compare: residuals, curves, which runs had the effect',
                       reanalyse_arguments, run_reanalyse)},
     'trend': (trend_arguments, run_trend)}

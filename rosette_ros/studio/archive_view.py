@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the studio shows of an archive: its runs by a filter, their curves beside each other, the trend of a table."""
 
+import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.archive.archive_questions import Question
+from rosette_ros.archive.plant import plant_of, plant_table
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import TableTrend, read_history, trend_of
 from rosette_ros.core.run.errors import InvalidData
@@ -15,6 +17,7 @@ from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import difference
 from rosette_ros.presentation.json_output import CURVE_KEYS
+from rosette_ros.presentation.table_format import Table
 
 MOST_LISTED = 1000
 """Runs that are listed, the newest ones."""
@@ -82,3 +85,8 @@ def _angles(motions: ErrorMotions) -> str:
 def table_trend(folder: str, table: str, model: str) -> TableTrend:
     """Return the trend of a table under a model; raises InvalidData where it has few runs."""
     return trend_of(read_history(RunArchive(folder), table, model))
+
+
+def plant_table_of(folder: str) -> Table:
+    """Return all tables of an archive in a line each, the most urgent first; raises InvalidData where none is known."""
+    return plant_table(plant_of(RunArchive(folder), datetime.datetime.now(datetime.UTC)))

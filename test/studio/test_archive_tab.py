@@ -40,6 +40,8 @@ def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
     with start_studio(tmp_path, '--archive', archive) as studio:
         page.goto(studio.address)
         expect(page.get_by_test_id('archive-words')).to_contain_text(f'{RUNS} of {RUNS} runs')
+        page.get_by_test_id('archive-plant').click()
+        expect(page.get_by_test_id('archive-plant-table')).to_contain_text('not stated')
         page.get_by_test_id('archive-trend').click()
         expect(page.get_by_test_id('archive-sentence')).to_contain_text('9 runs: no step in the last 8 runs')
         for words in ('No step beyond the scatter of the runs', 'No tolerances are stated'):

@@ -12,10 +12,12 @@ from nicegui.events import GenericEventArguments
 from rosette_ros.core.run.errors import InvalidData, RosetteError, counted, one_line
 from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.presentation.plots.plot_style import COLOURS
+from rosette_ros.presentation.table_format import Table
 from rosette_ros.requirements import missing_words
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
 from rosette_ros.studio.panels import widgets
+from rosette_ros.studio.panels.diagnosis_panel import ICONS
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import Figure, button, card, input_field, marked, plain_table, row
 from rosette_ros.studio.worker import Superseded
@@ -68,7 +70,9 @@ class ArchivePanel:
                 button('Differences to the earliest', lambda: self._do(self._draw_curves, True), 'difference',
                        'archive-differences')
                 button('Trend of the table', lambda: self._do(self._draw_trend), 'trending_up', 'archive-trend')
+                button('All tables', lambda: self._do(self._show_plant), 'factory', 'archive-plant')
                 self._busy = ui.spinner(size='22px')
+            self._plant = widgets.Area(marked(ui.element('div').classes('list small'), 'archive-plant-table'))
         self._busy.set_visibility(False)
         with card('', 'archive-result') as self._result:
             self._title = marked(ui.label('').classes('title'), 'archive-title')
@@ -83,6 +87,7 @@ class ArchivePanel:
     async def open(self) -> None:
         """Open the archive in the field."""
         self._runs = self._trend = None
+        self._plant.show(lambda: None)
         await self._filter()
 
     async def _filter(self) -> None:
@@ -172,6 +177,11 @@ class ArchivePanel:
                                                         if step.series.owner == 'table'}) for event in trend.events])
         self._tables.show(_fill, trend)
 
+    async def _show_plant(self) -> None:
+        view = importlib.import_module('rosette_ros.studio.archive_view')
+        table: Table = await asyncio.to_thread(view.plant_table_of, self._folder.value.strip())
+        self._plant.show(_fill_plant, table)
+
     def _draw(self, words: str, key: tuple[object, ...], make: Callable[..., Any], *arguments: object) -> None:
         self._title.set_text(words)
         self._show()
@@ -196,3 +206,9 @@ def _fill(trend: 'TableTrend') -> None:
         ui.label(words)
     for table in trend.tables:
         plain_table(table)
+
+
+def _fill_plant(table: Table) -> None:
+    ui.label(table.title).classes('title')
+    plain_table(table, [ICONS[level] for level in table.levels])
+    ui.label(table.note)
