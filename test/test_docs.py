@@ -19,7 +19,7 @@ NOT_OF_THE_REPOSITORY = {'my_cmm.py'}
 """Files that a reader writes."""
 LINK = re.compile(r'\]\((?!https?:|#)([^)#\s]+)')
 FILE = re.compile(r'(?<![\w/.*])((?:[\w.-]+/)*[\w-]+\.(?:py|sh|yaml|yml|xml|msg|srv|action|css|j2))\b')
-COMMAND = re.compile(rf'rosette ({"|".join(VERBS)})\b([^`\n#|]*)')
+COMMAND = re.compile(rf'rosette ({"|".join(VERBS)})(?![\w-])([^`\n#|]*)')
 
 
 def name_of(path):

@@ -136,11 +136,14 @@ def plan(*orders: str | Path, balls: int | None = None, radius_mm: float | None 
             'radius_mm': radius_mm, 'cmm_positions': cmm_positions, 'balls_in_use': balls_in_use})
     files = {order: read_plan(order) for order in orders if Path(order).is_file()}
     first = next(iter(files.values()), None)
-    n, radius = balls or (first and first.scheme.n), 1e-3 * radius_mm if radius_mm else first and first.radius
+    n: int | None = balls or (first.scheme.n if first else None)
+    radius: float | None = 1e-3 * radius_mm if radius_mm else first.radius if first else None
     stated = stated_inputs(inputs, environment)
-    judged = {'sigma': 1e-6 * sigma_um, 'pace': Pace(touch_s, table_move_s), 'rotation': None if axis is None else
-              axis_rotation(axis), 'environment': stated.environment if stated else None}
-    made = []
+    judged: dict[str, Any] = {
+        'sigma': 1e-6 * sigma_um, 'pace': Pace(touch_s, table_move_s),
+        'rotation': None if axis is None else axis_rotation(axis),
+        'environment': stated.environment if stated else None}
+    made = list[Plan]()
     for order in orders:
         name, *places = str(order).split(':', 1)
         if order in files:

@@ -52,6 +52,7 @@ GROUPS = {
         'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
         'diagnose': ('evaluate', 'which physical effect is missing from the model'),
         'compare': ('evaluate', 'where a model fails on a run, and by how much of the noise'),
+        'compare-curves': ('curves', 'curves of runs or tables, also of the maker, without offsets and clamping'),
         'budget': ('products', 'the uncertainty budget of a run (GUM), confirmed by Monte Carlo')},
     'improve': {
         'effects': ('effects', 'the library of physical effects, or one of them explained'),
