@@ -86,7 +86,7 @@ class Question:
                  f"array_to_string(missing, ' + ') AS lacks, {_MODEL} AS model")
         if self.effect:
             shown += (", list_transform(flatten([e.parameters for e in effects if e.effect = ?]), lambda p: "
-                      "format('{} = {:.4g} ± {:.2g} {}', p.name, p.value, p.U, p.unit)) AS parameters")
+                      "format('{} = {:.4g}, U = {:.2g} {}', p.name, p.value, p.U, p.unit)) AS parameters")
             values = [self.effect, *values]
         return (f'SELECT {shown} FROM runs WHERE {condition} '
                 'ORDER BY table_serial, measured_at, run_id', values)

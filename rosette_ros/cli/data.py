@@ -89,14 +89,14 @@ def asked_columns(path: str) -> ColumnMap | None:
 
 def export_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--run-id', '--force')
+    add_shared(parser, 'run_path', '--run-id', '--columns', '--force')
     parser.add_argument('-o', '--output', metavar='CSV', required=True,
                         help='table to write; - for the standard output')
 
 
 def run_export(options: Namespace) -> None:
     """Write the table."""
-    measured = open_run(options.run_path, options.run_id)
+    measured = open_run(options.run_path, options.run_id, read_columns(options.columns))
     warn(measured)
     if options.output == '-':
         sys.stdout.write(format_csv(measured))

@@ -23,6 +23,7 @@ from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model, Term
 from rosette_ros.core.run.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.run.number_words import significant
 from rosette_ros.core.run.records import Run
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.error_results import change_errors, curve_changes
@@ -161,6 +162,7 @@ def add_file(parser: ArgumentParser) -> None:
                         'rewritten at once, without the comments in it; --force is not needed')
     parser.add_argument('--run', metavar='RUN', dest='run_path',
                         help='log directory, .mcap file or CSV: show the residual before and after')
+    add_shared(parser, '--columns')
 
 
 def model_before(path: str) -> Model:
@@ -170,7 +172,8 @@ def model_before(path: str) -> Model:
 
 def change_file(options: Namespace, action: str, effects: Sequence[str], before: Model, after: Model) -> None:
     """Change the model file and show what that does to a run; raises first where the run cannot determine the model."""
-    name, measured = ' '.join(effects), open_run(options.run_path) if options.run_path else None
+    name, measured = ' '.join(effects), open_run(
+        options.run_path, columns_of=read_columns(options.columns)) if options.run_path else None
     done, words = (None, '') if measured is None else compared(measured, action, effects, before, after)
     write_model(after, options.model, force=True)
     if options.json:

@@ -14,6 +14,7 @@ from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core.run.errors import RosetteError
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.remarks import RemarkKind
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import NOTES_KEY, RESUMES_KEY, LogRun
@@ -29,22 +30,22 @@ from rosette_ros.words.reading_words import notes_of, remark_words
 
 def info_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--json')
+    add_shared(parser, 'run_path', '--columns', '--json')
 
 
 def run_info(options: Namespace) -> None:
     """Print what is in the run."""
     path = Path(options.run_path)
-    facts = log_facts(path) if is_log(path) else table_facts(path)
+    facts = log_facts(path) if is_log(path) else table_facts(path, options.columns)
     if options.json:
         print_json(facts)
     else:
         show_info(facts)
 
 
-def table_facts(path: Path) -> dict[str, Any]:
-    """Return what a ball-centre table holds, as `log_facts`."""
-    found = open_run(path)
+def table_facts(path: Path, columns: str | None = None) -> dict[str, Any]:
+    """Return what a ball-centre table holds, as `log_facts`; columns: of one of another program."""
+    found = open_run(path, columns_of=read_columns(columns))
     phases = {'run': {'asked': text.wanted_size(found), 'answered': found.size}}
     return _facts(path, 'table', [path], [_run_facts(found.run_id, found.n, found.radius, phases, found)])
 

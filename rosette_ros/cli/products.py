@@ -156,7 +156,7 @@ def verify_arguments(parser: ArgumentParser) -> None:
         parser.add_argument(when, metavar=when.upper(), help=f'run {when} the correction: log or table')
     parser.add_argument('--correction', metavar='FILE', required=True,
                         help='the correction (rosette correct RUN --for ros)')
-    add_shared(parser, '--model', '--inputs', '--environment', '--angle-unit', '--json')
+    add_shared(parser, '--columns', '--model', '--inputs', '--environment', '--angle-unit', '--json')
 
 
 def run_verify(options: Namespace) -> int:

@@ -196,14 +196,19 @@ def joined(parameters: 'Sequence[Parameter]') -> 'list[Parameter]':
             for group in groups.values() for first in group[:1]]
 
 
+def sized_parameter(parameter: Parameter) -> tuple[float, float]:
+    """Return value and expanded uncertainty of a parameter in the unit in which it is shown."""
+    factor = scale_of(parameter.unit, parameter.name).factor
+    return factor * parameter.value, COVERAGE_FACTOR * factor * parameter.u
+
+
 def shown_parameter(parameter: Parameter) -> tuple[str, str, str]:
     """Return value, expanded uncertainty and unit of a parameter."""
-    scale = scale_of(parameter.unit, parameter.name)
-    spread = COVERAGE_FACTOR * scale.factor * parameter.u
+    scale, (value, spread) = scale_of(parameter.unit, parameter.name), sized_parameter(parameter)
     if not math.isfinite(spread):
         return UNKNOWN, 'not determined', scale.unit
     places = decimals(spread)
-    return signed(scale.factor * parameter.value, places), f'±{fixed(spread, places)}', scale.unit
+    return signed(value, places), f'±{fixed(spread, places)}', scale.unit
 
 
 def _unmeasured(run: Run) -> tuple[str, list[int]]:

@@ -4,6 +4,7 @@
 import csv
 import io
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -196,7 +197,12 @@ def micrometre_column(key: str, name: str, metres: Iterable[float], places: int 
 def _cell(value: Any) -> Any:
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ''
+    if isinstance(value, str):  # a program reads numbers with the signs of ASCII
+        return _MINUS.sub('-', value)
     return repr(value + 0.0) if isinstance(value, float) else value
+
+
+_MINUS = re.compile(r'−(?=[\d.])')
 
 
 def verdict_json(verdict: VerdictText | None) -> dict[str, Any]:

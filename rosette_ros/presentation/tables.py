@@ -189,8 +189,9 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         words('parameter', 'parameter', [one.name for _, _, one, _ in rows]),
         *(column(f'{key}_si', '', [getattr(one, key.removesuffix('_si')) for _, _, one, _ in rows])
           for key in ('value', 'u', 'unit')),
-        column('value', 'value', [one[0] for one in shown], str),
-        column('expanded_uncertainty', 'U', [one[1] for one in shown], str),
+        *(Column(key, name, tuple(text.sized_parameter(one)[place] for _, _, one, _ in rows),
+                 tuple(one[place] for one in shown))
+          for place, (key, name) in enumerate((('value', 'value'), ('expanded_uncertainty', 'U')))),
         words('unit', 'unit', [one[2] for one in shown]),
         words('setting', 'when and where',
               [setting_words(name, setting, known, time=time) for name, setting, _, known in rows])),

@@ -68,7 +68,7 @@ def test_ready_questions(archive, question, runs):
 def test_an_effect_is_shown_with_its_parameters(archive):
     """Value and U."""
     assert ask_for(archive, Question({}, effect='plate_creep')).column('parameters').to_pylist() == [
-        ['d_x = 9e-07 ± 1e-07 m/s']]
+        ['d_x = 9e-07, U = 1e-07 m/s']]
 
 
 def test_the_model_of_each_row_is_named(archive):

@@ -21,7 +21,7 @@ def curves(values, u=1e-7, name='a', angle=None):
 
 def test_offset_and_clamping_are_no_difference():
     """Means of all curves, a plate off its centre by 5 µm + 2i µm and tilted: nothing is left of them."""
-    other = TABLE + [1e-5, -2e-5, 3e-5, 1e-5, 2e-5, 3e-5]
+    other = TABLE + np.array([1e-5, -2e-5, 3e-5, 1e-5, 2e-5, 3e-5])
     for place, offset in ((0, 5e-6 + 2e-6j), (3, -7e-6 + 1e-6j)):
         other[:, place] += (offset * TURN).real
         other[:, place + 1] += (offset * TURN).imag
