@@ -11,8 +11,8 @@ from rosette_ros.invocation import __version__ as __version__
 
 if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
     from rosette_ros.api.cells import CellDiagnosed as CellDiagnosed
-    from rosette_ros.api.curves import CurvesCompared as CurvesCompared
-    from rosette_ros.api.curves import compare_curves as compare_curves
+    from rosette_ros.api.curve_sources import CurvesCompared as CurvesCompared
+    from rosette_ros.api.curve_sources import compare_curves as compare_curves
     from rosette_ros.api.documents import certify as certify
     from rosette_ros.api.documents import report as report
     from rosette_ros.api.effect_library import EffectList as EffectList
@@ -71,7 +71,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 _PLACES = {
     'api.cells': 'CellDiagnosed',
-    'api.curves': 'CurvesCompared compare_curves',
+    'api.curve_sources': 'CurvesCompared compare_curves',
     'api.documents': 'certify report',
     'api.effect_library': 'EffectList add_effect add_reader effects model',
     'api.evaluating':

@@ -11,6 +11,7 @@ EXTRAS = {
     # neither author nor project
     'archive': ['dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow',
                 'importlib-metadata<10; python_full_version < "3.12"'],
+    'excel': ['openpyxl'],
     'notebook': ['ipykernel', 'pandas']}
 """What else `pip install 'rosette_ros[NAME]'` installs; `all` of them."""
 PACKAGES = {'markupsafe': 'jinja2', 'mcap_ros2': 'mcap-ros2-support', 'pydantic_core': 'pydantic',

@@ -38,7 +38,7 @@ REPORT = 'rosette_ros.presentation.report'
 
 
 @dataclass(frozen=True, eq=False)
-class Page:
+class ReportPage:
     """A report before it is written: HTML, the verdict in words, figures and tables by name; run: where it is one."""
 
     html: str
@@ -69,7 +69,7 @@ def report(runs: Any, model: ModelLike = None, path: str | Path = 'report.html',
 
 def run_page(measured: Measurement, model: ModelLike = None, inputs: Stated = None, environment: str | None = None,
              identity: str | Path | None = None, overlay: Sequence[Any] = (), refit_spheres: bool = False,
-             annex: bool = False, whole: bool = False, command: str = '', step: Step = lambda name: None) -> Page:
+             annex: bool = False, whole: bool = False, command: str = '', step: Step = lambda name: None) -> ReportPage:
     """Return the report of one run; whole: with all figures and tables beside the page; step: told what is done."""
     page, origins = (loaded(f'{REPORT}.{name}', 'report') for name in ('run_page', 'provenance'))
     series = plots('result_plots').Series
@@ -93,12 +93,12 @@ def run_page(measured: Measurement, model: ModelLike = None, inputs: Stated = No
     pictures = page.pictures_of(summary, overlays, result, has_all, source)
     html = page.report_html(summary, source, command, overlays, pictures, stated, annex)
     tables = page.every_table(summary, source.identity if source else Identity(), result)
-    return Page(html, verdict_text(summary.verdict), pictures, tables, run)
+    return ReportPage(html, verdict_text(summary.verdict), pictures, tables, run)
 
 
 def joint_page(every: Sequence[Measurement], inputs: Stated = None, environment: str | None = None,
                share: str | Path | None = None, identity: str | Path | None = None, annex: bool = False,
-               command: str = '', doing: Doing = lambda words: nullcontext()) -> Page:
+               command: str = '', doing: Doing = lambda words: nullcontext()) -> ReportPage:
     """Return the report of several runs as one."""
     page, origins = (loaded(f'{REPORT}.{name}', 'report') for name in ('joint_page', 'provenance'))
     with doing('evaluating'):
@@ -109,18 +109,18 @@ def joint_page(every: Sequence[Measurement], inputs: Stated = None, environment:
     files += [origins.digest(one) for one in (share, identity, inputs) if isinstance(one, str | Path)]
     pictures = page.joint_pictures(result)
     html = page.joint_html(result, files, command, pictures, known, contradictions, annex)
-    return Page(html, conclusion_text(conclude(result)), pictures, page.joint_tables(result, known))
+    return ReportPage(html, conclusion_text(conclude(result)), pictures, page.joint_tables(result, known))
 
 
 def verification_page(paths: Sequence[str | Path], maker: str | Path | None = None, model: ModelLike = None,
                       annex: bool = False, whole: bool = False, command: str = '',
-                      doing: Doing = lambda words: nullcontext()) -> Page:
+                      doing: Doing = lambda words: nullcontext()) -> ReportPage:
     """Return the report on runs that must agree as in the paper; maker: table of the maker's corrections (CSV)."""
     page = loaded(f'{REPORT}.verification', 'report')
     verified = verification_of(paths, maker, model, doing)
     pictures = page.verification_pictures(verified, annex or whole)
     html = page.verification_html(verified, command, pictures, annex)
-    return Page(html, verified.verdict, pictures, page.verification_tables(verified))
+    return ReportPage(html, verified.verdict, pictures, page.verification_tables(verified))
 
 
 def verification_of(paths: Sequence[str | Path], maker: str | Path | None = None, model: ModelLike = None,

@@ -127,7 +127,7 @@ class Evaluation(DrawnResult):
         self.tolerances = judged.identity.limits(judged.run.rotation)
         self.spheres: FourAxis = [('rotary table', four_axis_errors([judged.motions], *where),
                                    ONE_SENSE)] if where else []
-        self.level = _level(self.verdict)
+        self.level, self.source = _level(self.verdict), judged.measured.name
 
     @property
     def model(self) -> Model:

@@ -10,8 +10,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from rosette_ros.core.run.errors import RosetteError, visible_json
+from rosette_ros.core.run.errors import InvalidData, RosetteError, visible_json
+from rosette_ros.io.text_file import write_bytes
 from rosette_ros.presentation.table_format import Table
+from rosette_ros.presentation.workbook import workbook
 from rosette_ros.requirements import missing_words
 
 COLOURS = {'good': '#2e7d32', 'doubtful': '#b26a00', 'bad': '#c62828'}
@@ -70,9 +72,10 @@ def _row(cells: Sequence[str], tag: str) -> str:
 
 
 class Result:
-    """A result; `level` colours its card: 'good', 'doubtful', 'bad' or ''."""
+    """A result; `level` colours its card: 'good', 'doubtful', 'bad' or ''; `source`: name of its run."""
 
     level = ''
+    source = ''
 
     def to_mapping(self) -> dict[str, Any]:
         """Return it as plain lists, dicts and numbers in SI units: what the command line prints with --json."""
@@ -96,6 +99,15 @@ class Result:
         if name and name not in every:
             raise RosetteError(f'to_frame: expected one of {", ".join(every)}, found {name!r}')
         return frame_of(every[name] if name else next(iter(every.values())))
+
+    def save_workbook(self, path: str | Path, force: bool = False) -> None:
+        """Write it as a workbook for Excel (.xlsx): the verdict, and a sheet for each table.
+
+        Raises InvalidData where the file exists, unless `force`, and where its name ends otherwise."""
+        if Path(path).suffix.lower() != '.xlsx':
+            raise InvalidData(f'{path}: expected a name that ends in .xlsx')
+        made = workbook(loaded('openpyxl', 'workbook'), self.sentences(), self.level, self.tables(), self.source)
+        write_bytes(path, made, force)
 
     def __str__(self) -> str:
         return '\n'.join(self.sentences())

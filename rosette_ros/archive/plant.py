@@ -25,7 +25,7 @@ LEVELS = {Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', Conformity.
 
 
 @dataclass(frozen=True, eq=False)
-class TableState:
+class TableStanding:
     """A table as its runs show it.
 
     runs: how many, dated ones under the model of most; last: the row of the last run; decided: on each stated
@@ -66,7 +66,7 @@ class TableState:
         return tuple(said)
 
 
-def plant_of(archive: RunArchive, now: datetime.datetime) -> tuple[TableState, ...]:
+def plant_of(archive: RunArchive, now: datetime.datetime) -> tuple[TableStanding, ...]:
     """Return the tables of an archive, the most urgent first; now: by which it is told whether a calibration is due.
 
     Raises InvalidData where no run is dated and states its table."""
@@ -81,7 +81,7 @@ def plant_of(archive: RunArchive, now: datetime.datetime) -> tuple[TableState, .
         order.index(one.level), one.conformity is not Conformity.FAILS, one.due or last, one.serial)))
 
 
-def _state(serial: str, rows: Sequence[Mapping[str, Any]], now: datetime.datetime) -> TableState:
+def _state(serial: str, rows: Sequence[Mapping[str, Any]], now: datetime.datetime) -> TableStanding:
     model = Counter(row['model_hash'] for row in rows).most_common(1)[0][0]
     rows = sorted((row for row in rows if row['model_hash'] == model), key=lambda row: row['measured_at'])
     last, trend, due = rows[-1], None, None
@@ -97,10 +97,10 @@ def _state(serial: str, rows: Sequence[Mapping[str, Any]], now: datetime.datetim
     if trend and trend.forecasts:
         ahead = min(one.interval for one in trend.forecasts.values())
         due = trend.history.dates[-1] + datetime.timedelta(days=ahead)
-    return TableState(serial, len(rows), last, decided, trend, due, due is not None and due < now)
+    return TableStanding(serial, len(rows), last, decided, trend, due, due is not None and due < now)
 
 
-def plant_table(states: Sequence[TableState]) -> Table:
+def plant_table(states: Sequence[TableStanding]) -> Table:
     """Return the tables in a line each."""
     return Table('plant', 'Rotary tables, the most urgent first', (
         words('table', 'table', [one.serial for one in states]),
@@ -118,7 +118,7 @@ def plant_table(states: Sequence[TableState]) -> Table:
              'tolerance.')
 
 
-def plant_json(states: Sequence[TableState]) -> Json:
+def plant_json(states: Sequence[TableStanding]) -> Json:
     """Return the tables, schema rosette-plant/1, SI."""
     return plain({'schema': SCHEMA, 'tables': [{
         'table': one.serial, 'level': one.level, 'runs': one.runs, 'run_id': one.last['run_id'],

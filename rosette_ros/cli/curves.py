@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 from rich.markup import escape
 
-from rosette_ros.api.curves import compare_curves
+from rosette_ros.api.curve_sources import compare_curves
 from rosette_ros.cli.arguments import add_formats, add_shared
 from rosette_ros.cli.console import console, doing, print_json, print_parts
 

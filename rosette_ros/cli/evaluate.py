@@ -86,6 +86,8 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--test-spheres', metavar=('R_MM', 'HEIGHT_MM'), nargs=2, type=positive('mm'), help='also the '
                         'four-axis errors (ISO 10360-3) of two opposite test spheres at this radius, one in the plane '
                         'of the balls, one so far above it, calculated from the error motions')
+    parser.add_argument('--xlsx', metavar='FILE', help='write verdict and tables as a workbook for Excel, too')
+    add_shared(parser, '--force')
     parser.add_argument('--check', action='store_true', help=f'end with exit code {LACKS} where the model lacks '
                         'something, or where that was not judged')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties; verdict, model and ranges '
@@ -95,12 +97,18 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
 def run_evaluate(options: Namespace) -> int:
     """Print the evaluation; return LACKS where --check is given and the model lacks something, else 0."""
     where = [1e-3 * one for one in options.test_spheres or ()]
+    if options.xlsx:
+        refuse_output(options.xlsx, options.force)
     if is_joint(options):
         every = joint(options, where)
+        if options.xlsx:
+            every.save_workbook(options.xlsx, options.force)
         show_joint(options, every)
         conclusion = conclude(every.result)
         return _checked(options, conclusion.model_fails, conclusion_text(conclusion).sentence)
     made = evaluated(Opened(options, options.run_path[0]), options.refit_spheres, where)
+    if options.xlsx:
+        made.save_workbook(options.xlsx, options.force)
     if options.csv or made.verdict is None:
         warn(made.fit.run)
     if options.csv:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.analysis import STEPS
-from rosette_ros.api.documents import Page, joint_page, run_page, verification_page
+from rosette_ros.api.documents import ReportPage, joint_page, run_page, verification_page
 from rosette_ros.api.measurement import read
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, doing, head, print_verdict
@@ -104,7 +104,7 @@ def output_of(options: Namespace, name: str) -> Path:
     return path
 
 
-def write(options: Namespace, page: Page, path: Path) -> None:
+def write(options: Namespace, page: ReportPage, path: Path) -> None:
     """Write the page and, into the folders that the options name, every figure and table; say what it says."""
     write_text(path, page.html, options.force)
     if options.figures:
