@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run says, or several as one: error motions, what is missing, where a model fails, the budget, a correction."""
 
+import datetime
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import cached_property
@@ -44,6 +45,7 @@ from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.budget_file import environment_of, read_stated
 from rosette_ros.io.correction_file import correction_csv, format_correction
 from rosette_ros.io.open_run import joint_identity
+from rosette_ros.io.qdas_file import Characteristic, format_dfq
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import write_text
 from rosette_ros.io.touch_log import open_refitted, refit_if_touched
@@ -171,6 +173,25 @@ class Evaluation(DrawnResult):
                 *four_axis_table(self.spheres, f', {self.result.curves.which}' * two),
                 tables.deviations(self.fit, self.result.modelled.which if two else ''),
                 tables.fitted_effects(self.fit, 'Effects in the model'))
+
+    def save_spc(self, path: str | Path, force: bool = False) -> None:
+        """Write ranges with U and tolerances as Q-DAS K-fields (AQDEF, .dfq) for statistical process control.
+
+        Raises InvalidData where the file exists, unless `force`, and where its name ends otherwise."""
+        if Path(path).suffix.lower() != '.dfq':
+            raise InvalidData(f'{path}: expected a name that ends in .dfq')
+        every, run = list[Characteristic](), self.judged.run
+        for line, scale in zip(self.lines, text.curve_scales(), strict=True):
+            limit, unit = line.tolerance, text.file_unit(scale.unit)
+            every += [Characteristic(f'{line.curve} {line.name}, range', scale.factor * line.range,
+                                     None if limit is None else scale.factor * limit, unit),
+                      Characteristic(f'{line.curve}, U (k = {text.COVERAGE_FACTOR}) of the range',
+                                     scale.factor * line.expanded, None, unit)]
+        stated = self.judged.identity['measured.begin']
+        when = (datetime.datetime.fromtimestamp(run.begun, datetime.UTC) if run.begun is not None else
+                datetime.datetime.fromisoformat(stated) if stated else None)
+        write_text(path, format_dfq(every, self.judged.identity, run.run_id or self.source, when,
+                                    self.sentences()[0]), force)
 
     def draw(self, truth: ErrorMotions | None = None) -> Any:
         drawn, known = plots('result_plots'), truth or self.judged.measured.truth

@@ -87,6 +87,8 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
                         'four-axis errors (ISO 10360-3) of two opposite test spheres at this radius, one in the plane '
                         'of the balls, one so far above it, calculated from the error motions')
     parser.add_argument('--xlsx', metavar='FILE', help='write verdict and tables as a workbook for Excel, too')
+    parser.add_argument('--dfq', metavar='FILE', help='write ranges, U and tolerances as Q-DAS K-fields (AQDEF) for '
+                        'statistical process control, too')
     add_shared(parser, '--force')
     parser.add_argument('--check', action='store_true', help=f'end with exit code {LACKS} where the model lacks '
                         'something, or where that was not judged')
@@ -97,9 +99,11 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
 def run_evaluate(options: Namespace) -> int:
     """Print the evaluation; return LACKS where --check is given and the model lacks something, else 0."""
     where = [1e-3 * one for one in options.test_spheres or ()]
-    if options.xlsx:
-        refuse_output(options.xlsx, options.force)
+    for path in filter(None, (options.xlsx, options.dfq)):
+        refuse_output(path, options.force)
     if is_joint(options):
+        if options.dfq:
+            raise UsageError('--dfq: expected one run, found several as one; leave it out')
         every = joint(options, where)
         if options.xlsx:
             every.save_workbook(options.xlsx, options.force)
@@ -109,6 +113,8 @@ def run_evaluate(options: Namespace) -> int:
     made = evaluated(Opened(options, options.run_path[0]), options.refit_spheres, where)
     if options.xlsx:
         made.save_workbook(options.xlsx, options.force)
+    if options.dfq:
+        made.save_spc(options.dfq, options.force)
     if options.csv or made.verdict is None:
         warn(made.fit.run)
     if options.csv:
