@@ -112,9 +112,7 @@ def run_plan(options: Namespace) -> None:
         only.write(options.output, options.force)
     if only and (options.csv or options.csv_template):
         scheme, radius_mm = only.measuring.scheme, 1e3 * only.radius
-        lines = (','.join(row) for row in results.rows(scheme, radius_mm))
-        sys.stdout.write(results.template(scheme, radius_mm) if options.csv_template else
-                         '\n'.join([results.HEADER, *lines]) + '\n')
+        sys.stdout.write((results.template if options.csv_template else results.target_list)(scheme, radius_mm))
         return
     outlooks = [one.outlook for one in ([only] if only else made.plans)]
     if options.figures:

@@ -42,6 +42,14 @@ def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
                exact(360 * (int(i) - 1) / scheme.n + float(np.rad2deg(scheme.table_offset)), ANGLE_PLACES))
 
 
+def target_list(scheme: Scheme, radius_mm: float) -> str:
+    """Return the targets as CSV; with the sense of the last move of the table where it does not only turn forward."""
+    lines = [HEADER, *(','.join(row) for row in rows(scheme, radius_mm))]
+    if np.any(scheme.approach < 0):
+        lines = [f'{line},{sense}' for line, sense in zip(lines, ['approach', *scheme.approach.tolist()], strict=True)]
+    return '\n'.join([*lines, ''])
+
+
 def template(scheme: Scheme, radius_mm: float) -> str:
     """Return a ball-centre table whose coordinates, times and temperatures are to be filled in."""
     offset = [f'# table_offset_deg: {float(np.rad2deg(scheme.table_offset))!r}'] if scheme.table_offset else []

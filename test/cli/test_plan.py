@@ -91,6 +91,14 @@ def test_what_cannot_be_planned(refused, words, message):
     assert message in refused('plan', *(f'{key}={value}' for key, value in given.items()))
 
 
+def test_a_list_says_the_sense_of_turning_where_it_changes(rosette):
+    """Forward only it is the table of the paper, without a further column."""
+    words = ('plan', '--balls', 6, '--radius-mm', 100, '--order', 'row', '--csv')
+    assert 'approach' not in rosette(*words).out
+    rows = list(csv.DictReader(io.StringIO(rosette(*words, '--turning', 'alternate').out)))
+    assert {row['approach'] for row in rows} == {'1', '-1'}
+
+
 def test_a_missing_option_is_named(refused):
     """A missing option is named."""
     assert 'plan: expected either --order, or plan files' in refused('plan', '--balls', 6, '--radius-mm', 182.5)
