@@ -15,7 +15,7 @@ SOURCE = ROOT / 'build' / 'site-source'
 COPIED = ('docs', 'examples', 'config', 'LICENSE', 'CONTRIBUTING.md', 'CHANGELOG.rst')
 MODULES = {
     'Runs': 'rosette_ros.api.measurement', 'Evaluating': 'rosette_ros.api.evaluating',
-    'Planning': 'rosette_ros.api.plans',
+    'Comparing curves': 'rosette_ros.api.curve_sources', 'Planning': 'rosette_ros.api.plans',
     'Effects and models': 'rosette_ros.api.effect_library', 'Documents': 'rosette_ros.api.documents',
     'Results': 'rosette_ros.api.result', 'Errors': 'rosette_ros.core.run.errors'}
 
