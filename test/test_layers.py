@@ -59,9 +59,9 @@ WITHOUT_ROS = ('core', 'words', 'io', 'simulation', 'analysis', 'presentation', 
 MCAP_MAY = {'io/log_reader.py', 'io/log_writer.py', 'io/message_decoder.py'}
 """The only files that know the library of the log format."""
 IN_CLI = {f'rosette_ros.cli.{name}' for name, _ in VERBS.values()}
-STARTED_BY_NAME = {'rosette_ros.cli.main', 'rosette_ros.nodes.table_corrector', *MODULES.values(),
-                   *IN_CLI}
-"""Modules that nobody has to import: commands, nodes, verbs."""
+STARTED_BY_NAME = {'rosette_ros.cli.main', 'rosette_ros.nodes.table_corrector', 'rosette_ros.nodes.own_cmm',
+                   *MODULES.values(), *IN_CLI}
+"""Modules that nobody has to import: commands, nodes, verbs; what programs of users import."""
 
 
 def layer(path):

@@ -28,7 +28,7 @@ WANTED = (
            read_only=True),
     Wanted('nominal_frame', 'table_nominal', 'frame of the ideal revolute joint, parent of corrected_frame',
            read_only=True),
-    Wanted('corrected_frame', 'table', 'frame of the table as it stands', read_only=True))
+    Wanted('corrected_frame', 'table_corrected', 'frame of the table as it stands', read_only=True))
 LATE = 1.0
 """Without a joint state for so long the corrected frame is out of date, s."""
 

@@ -25,6 +25,8 @@ pytest.importorskip('cyclonedds')
 N = 3
 SCRIPT = Path(__file__).parent / 'cyclone_cmm.py'
 DOCUMENT = Path(__file__).parents[2] / 'docs' / 'real-cmm.md'
+PROGRAMS = re.findall(r'```python\n(.*?)```', DOCUMENT.with_name('interfaces.md').read_text(encoding='utf-8'),
+                      re.DOTALL)
 OPTIONS = '{limits.answer_timeout_s: 2.0, limits.attempts: 10}'
 
 
@@ -89,6 +91,32 @@ def test_cyclone_dds_takes_the_place_of_the_simulated_cmm(cyclone_cmm, cell, mod
     assert np.abs(outcome.error_motions.values).max() < 1e-12
     frame = log.frames[-1].frame
     assert frame.origin == pytest.approx([0.351, 0.2595, -0.2998], abs=1e-12)
+
+
+@pytest.fixture
+def ten_lines(cell, module_domain_id, tmp_path, wait_until):
+    """Run the first program of docs/interfaces.md as it stands there."""
+    script = tmp_path / 'ten_lines.py'
+    script.write_text(PROGRAMS[0], encoding='utf-8')
+    with process_of(cell, wait_until, script, '--ros-args', '-r', '__ns:=/rosette',
+                    env=cell_environment(module_domain_id)) as process:
+        yield process
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+
+
+def test_ten_lines_are_a_cmm_and_a_bridge_starts_it(ten_lines, cell, module_domain_id, wait_until, tmp_path):
+    """Both programs of docs/interfaces.md: a calibration in the order that the bridge sets, and its result there."""
+    outcome = run_with(ten_lines, cell, module_domain_id, wait_until)
+    run = read_log(outcome.log).to_run()
+    assert run.is_complete and np.abs(outcome.error_motions.values).max() < 1e-12
+    assert np.all(np.diff(run.table_travel) >= 0) and np.ptp(run.table_travel) > np.pi
+    script = tmp_path / 'bridge.py'
+    script.write_text(PROGRAMS[1], encoding='utf-8')
+    done = subprocess.run([sys.executable, script], env=cell_environment(module_domain_id), capture_output=True,
+                          text=True, timeout=120, check=True)
+    begun, found = done.stdout.splitlines()
+    assert begun.startswith('True ') and found.startswith(begun.removeprefix('True '))
 
 
 @pytest.fixture

@@ -75,7 +75,7 @@ def test_each_joint_state_gives_the_pose_at_its_time(peer, correction, wait_unti
 
         wait_until(found)
         pose = found()[0]
-        assert (pose.header.frame_id, pose.child_frame_id) == ('table_nominal', 'table')
+        assert (pose.header.frame_id, pose.child_frame_id) == ('table_nominal', 'table_corrected')
         angle = 0.5 - position
         shift, turned = correction.pose(angle, sense)
         got, rotation = pose.transform.translation, pose.transform.rotation
