@@ -43,9 +43,9 @@ if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
     from rosette_ros.api.plans import advise as advise
     from rosette_ros.api.plans import next_readings as next_readings
     from rosette_ros.api.plans import plan as plan
-    from rosette_ros.api.plans import simulate as simulate
     from rosette_ros.api.result import PackageMissing as PackageMissing
     from rosette_ros.api.result import Result as Result
+    from rosette_ros.api.simulating import simulate as simulate
     from rosette_ros.core.effects import courses as courses
     from rosette_ros.core.effects import motions as motions
     from rosette_ros.core.effects.effect import Course as Course
@@ -78,8 +78,9 @@ _PLACES = {
         'Budgeted Compared Corrected Diagnosed ErrorCurves Evaluation JointEvaluation Ladder budget compare correct '
         'diagnose evaluate ladder',
     'api.measurement': 'Measurement read',
-    'api.plans': 'Advised NextSteps Plan PlansCompared advise next_readings plan simulate',
+    'api.plans': 'Advised NextSteps Plan PlansCompared advise next_readings plan',
     'api.result': 'PackageMissing Result',
+    'api.simulating': 'simulate',
     'core.effects.effect': 'Course Motion PhysicalEffect Quantity Searched Setting grid',
     'core.model.model': 'Model',
     'core.run.errors':

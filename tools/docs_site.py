@@ -16,6 +16,7 @@ COPIED = ('docs', 'examples', 'config', 'LICENSE', 'CONTRIBUTING.md', 'CHANGELOG
 MODULES = {
     'Runs': 'rosette_ros.api.measurement', 'Evaluating': 'rosette_ros.api.evaluating',
     'Comparing curves': 'rosette_ros.api.curve_sources', 'Planning': 'rosette_ros.api.plans',
+    'Simulating': 'rosette_ros.api.simulating',
     'Effects and models': 'rosette_ros.api.effect_library', 'Documents': 'rosette_ros.api.documents',
     'Results': 'rosette_ros.api.result', 'Errors': 'rosette_ros.core.run.errors'}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan determines and shows, what to measure next, and a simulated machine that measures a plan."""
+"""What a plan determines and shows, and what to measure next."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ import numpy as np
 from rosette_ros.analysis import advise as advise_order
 from rosette_ros.analysis import advise_run
 from rosette_ros.analysis import next_readings as next_block
-from rosette_ros.api.measurement import Measurement, model_of, read, stated_inputs
+from rosette_ros.api.measurement import model_of, read, stated_inputs
 from rosette_ros.api.result import DrawnResult, Result, plots
 from rosette_ros.core.effects.composed import effect
 from rosette_ros.core.model.model import Model
@@ -23,8 +23,7 @@ from rosette_ros.core.planning.next_readings import BLOCK, UNTIL, NextReadings
 from rosette_ros.core.planning.plan_comparison import Outlook, outlook
 from rosette_ros.core.run.axes import axis_rotation
 from rosette_ros.core.run.errors import InvalidPlan
-from rosette_ros.core.run.geometry import nominal_angles
-from rosette_ros.core.run.records import ErrorMotions, Run, remove_gauge
+from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.scheme import ORDERS, order_name, places_in_use
 from rosette_ros.core.run.scheme import plan as scheme_of
 from rosette_ros.core.run.touches import Pace
@@ -35,8 +34,6 @@ from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation import plan_results, tables
 from rosette_ros.presentation.json_output import advice_json
 from rosette_ros.presentation.table_format import Table
-from rosette_ros.simulation import Machine, MachineConfig, load_machine
-from rosette_ros.simulation.machine import machine_config
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import exact
 from rosette_ros.words.plan_words import better_words
@@ -242,21 +239,3 @@ def next_readings(run: Any, model: Model | str | Path | None = None, number: int
     number: of readings at most; until: probability from which on a cause is settled."""
     measured = read(run).run
     return NextSteps(next_block(measured, model_of(model), number, until=until), measured)
-
-
-def simulate(machine: Any = None, plan: Any = 'interleaved', run_id: str = '') -> Measurement:
-    """Return what a simulated machine measures; its `truth` has the true curves.
-
-    machine: a MachineConfig, its file (docs/machine.md), or what differs from the default machine, such as {'seed': 3,
-    'plate': {'balls': 8}, 'hidden': [{'kind': 'frame_drift', 'rate_um_per_h': [6, 0, 4]}]}; plan: a Plan or an order.
-    The same machine and plan give the same readings. Raises InvalidConfig, InvalidPlan."""
-    config = machine if isinstance(machine, MachineConfig) else (
-        MachineConfig() if machine is None else load_machine(machine) if isinstance(machine, str | Path) else
-        machine_config(dict(machine), 'machine'))
-    scheme = plan.scheme if isinstance(plan, Plan) else scheme_of(config.plate.balls, str(plan), config.seed)
-    made = Machine(config)
-    run, alignment, _ = made.calibrate(scheme, run_id=run_id)
-    run = run.replace(source=run_id or 'simulated machine')
-    angle = nominal_angles(run.n) + run.table_offset
-    truth = remove_gauge(made.table_truth(angle, alignment.frame))
-    return Measurement(run, truth=ErrorMotions(angle, truth, 0.0 * truth, run.rotation))

@@ -181,7 +181,7 @@ def test_a_dataframe_with_other_names_is_read(table):
     assert same == again
     with pytest.raises(rosette.InvalidData, match=r"if these are ball centres: columns=\{'table': 'Tisch', .*radius"):
         rosette.read(own.drop(columns='table_angle_deg'))
-    with pytest.raises(rosette.InvalidData, match='expected the column T of --columns, found Tisch,Kugel'):
+    with pytest.raises(rosette.InvalidData, match='expected the column T of columns=, found Tisch,Kugel'):
         rosette.read(own, {**columns, 'table': 'T'})
     with pytest.raises(rosette.InvalidData, match=r"found a,b; if these are ball centres: columns=\{'table': '...'"):
         rosette.read({'a': [1], 'b': [2]})

@@ -17,6 +17,7 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
 
 START = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+SETTINGS = {'plate': {'balls': 5}, 'table': {'translation_um': 0.5, 'rotation_urad': 5.0}}
 MONTH = datetime.timedelta(days=30)
 
 
@@ -31,7 +32,7 @@ def row_of(serial, when, tolerance, run):
 def archive(tmp_path_factory):
     """Return an archive: a table out of its tolerance, one within it for nine months, one without a tolerance."""
     made = RunArchive(tmp_path_factory.mktemp('plant') / 'plant', make=True)
-    runs = [run for _, run in years(lambda day: {'plate': {'balls': 5}}, 9, every_days=30.0)]
+    runs = [run for _, run in years(lambda day: SETTINGS, 9, every_days=30.0)]
     made.add([row_of('OUT', START, 'tolerances: {crz: 0.1 urad}\n', runs[0]), row_of('NONE', START, '', runs[0]),
               *(row_of('KEPT', START + place * MONTH, 'tolerances: {crz: 1 mrad}\n', run)
                 for place, run in enumerate(runs))])
