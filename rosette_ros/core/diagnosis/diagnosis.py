@@ -25,7 +25,8 @@ from rosette_ros.core.diagnosis.explained_fit import (
     not_needed,
     over_all,
 )
-from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, noise_beside
+from rosette_ros.core.diagnosis.log_evidence import NOISELESS
+from rosette_ros.core.diagnosis.noise_hypotheses import noise_beside
 from rosette_ros.core.diagnosis.posterior import Explanation
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.run_search import RunSearch

@@ -13,7 +13,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, Suggestion
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, Suggestion, turned_by
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
@@ -119,12 +119,10 @@ def _pair_log_bf(gram: Floats, product_: Floats, first: int, state: State) -> Fl
     best, own = np.full(count, -np.inf), np.arange(q)
     for one, other in product(PAIR_SIZES, PAIR_SIZES):
         size = np.where(own < first, one, other)
-        system = size[:, None] * gram * size
-        system[:, own, own] += 1 + 1e-9 * np.abs(system[:, own, own])  # of what nothing is left of, there is rounding
-        root = np.linalg.cholesky(system)
-        fall = np.sum(np.linalg.solve(root, (size * product_)[..., None])[..., 0]**2, axis=1)
-        log_det = 2 * np.log(np.einsum('bii->bi', root)).sum(axis=1)
-        best = np.maximum(best, log_bayes_factor(log_det, fall, state.left, state.evidence.dof))
+        value, vector = np.linalg.eigh(size[:, None] * gram * size)
+        value = np.maximum(value, 0)  # of what nothing is left of, there is rounding
+        fall = np.sum(turned_by(vector, (size * product_)[..., None])[..., 0]**2 / (1 + value), axis=1)
+        best = np.maximum(best, log_bayes_factor(np.log1p(value).sum(axis=1), fall, state.left, state.evidence.dof))
     return best
 
 

@@ -27,6 +27,8 @@ from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 Place = tuple[CauseFamily, Setting]
 """A family at a setting."""
+NOISELESS = 1e-10
+"""Noise, m, that no readings lack, and below which none is looked for: a tenth of a nanometre is negligible."""
 MANY = 4
 """Columns over rows of members from which on these are the less work."""
 ROUNDING = 1e-5
@@ -196,8 +198,8 @@ class Evidence:
     """The readings of a run under a model and a noise, and the bank of candidates.
 
     y: (3 N,) what the model leaves, white, in units of its rms, or of the errors of rounding, where readings that are
-    rounded alike leave less; dof: its degrees of freedom; total, least: its square sum, and that of errors of rounding;
-    shares: sensitivity to each block of each group of the bank.
+    rounded alike leave less; dof: its degrees of freedom; total, least: its square sum, and that of the noise that no
+    readings lack; shares: sensitivity to each block of each group of the bank.
     """
 
     def __init__(self, run: Run, bank: Bank, space: CoordinateSpace, residual: Floats, dof: int) -> None:
@@ -216,10 +218,11 @@ class Evidence:
             self.blocks[key] = Blocks(seen, group.number[seen], group.most[seen] / self.scale, value, vector, turned)
 
     def _scale_to(self, residual: Floats) -> None:
-        self.scale = max(float(np.sqrt(np.sum(residual**2) / self.dof)), self.run.rounding) or 1.0
+        self.scale = max(float(np.sqrt(np.sum(residual**2) / self.dof)), self.run.rounding, NOISELESS)
         self.y: Floats = residual.reshape(-1) / self.scale
-        self.least = max(self.dof * (self.run.rounding / self.scale)**2, 1e-290)
-        self.total = max(float(self.y @ self.y), self.least)
+        rounded, no_less = (self.dof * (size / self.scale)**2 for size in (self.run.rounding, NOISELESS))
+        self.least = rounded + no_less
+        self.total = max(float(self.y @ self.y) + no_less, self.least)
 
     def on(self, residual: Floats) -> 'Evidence':
         """Return the same for another residual (N, 3) of the same model; what is made of the bank is shared."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rosette_ros.core.diagnosis.hypotheses import Looked, Search
-from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, State
+from rosette_ros.core.diagnosis.log_evidence import NEAR, NOISELESS, Member, State
 from rosette_ros.core.diagnosis.noise_kinds import LEAST, NOT_WHITE, Beside, NoiseKinds
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.model.least_squares import Fit
@@ -15,8 +15,6 @@ from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.sight.bank import columns_of
 
-NOISELESS = 1e-10
-"""Noise, m, below which none is looked for: a tenth of a nanometre is negligible."""
 MOST = 4
 """Searches beside that in white noise."""
 

@@ -14,8 +14,8 @@ import numpy as np
 from rosette_ros.core.diagnosis.base_terms import missing_base
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.hypotheses import Search
-from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, Place
-from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, choose
+from rosette_ros.core.diagnosis.log_evidence import NOISELESS, Evidence, Member, Place
+from rosette_ros.core.diagnosis.noise_hypotheses import choose
 from rosette_ros.core.diagnosis.null_gains import null_gains, p_of
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.model.least_squares import Fit, fit

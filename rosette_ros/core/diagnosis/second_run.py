@@ -17,7 +17,8 @@ import scipy  # which loads its parts where they are used
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
-from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, noise_beside
+from rosette_ros.core.diagnosis.log_evidence import NOISELESS
+from rosette_ros.core.diagnosis.noise_hypotheses import noise_beside
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
