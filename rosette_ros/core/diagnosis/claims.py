@@ -196,7 +196,8 @@ def opened(state: State) -> State:
     run, evidence = state.evidence.run, state.evidence
     for one, other in combinations(state.members, 2):
         causes = [motion_of(run, some.place) for some in (one, other)]
-        if any(some.family.is_free for some in (one, other)) or not causes[0].agrees(causes[1]):
+        if any(some.family.is_free for some in (one, other)) or causes[0].own != causes[1].own or not (
+                causes[0].agrees(causes[1])):
             continue
         rest = State(evidence, [some for some in state.members if some not in (one, other)], is_sized=True)
         own = state.likelihood - rest.likelihood
