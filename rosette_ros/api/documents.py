@@ -155,21 +155,31 @@ def certify(runs: Any, path: str | Path, model: ModelLike = None, *, identity: s
 
 
 def certificate_of(paths: Sequence[str | Path], model: ModelLike = None, run_id: str | None = None,
-                   identity: str | Path | None = None, inputs: str | Path | None = None,
+                   identity: Identity | str | Path | None = None, inputs: Stated = None,
                    environment: str | None = None, share: str | Path | None = None, is_joint: bool = False,
                    ask: Callable[[tuple[str, ...]], object] = lambda missing: None,
                    doing: Doing = lambda words: nullcontext()) -> 'Certificate':
-    """Return what a certificate of runs states; ask: told the mandatory data that nobody stated."""
+    """Return what a certificate of runs states; identity, inputs: a file or what it says; ask: told the mandatory
+    data that nobody stated."""
     statements = loaded('rosette_ros.certificate.statements', 'certificate')
-    known = read_identity(identity) if identity else Identity()
+    known = identity if isinstance(identity, Identity) else read_identity(identity) if identity else Identity()
+    budget = inputs if isinstance(inputs, Mapping) else read_stated(inputs, environment)
     stated = statements.Inputs(
         known, known['certificate.date'] or date.today().isoformat(),
         None if model is None else model_of(model).to_mapping(), run_id, is_joint,
-        read_sharing(share, len(paths)) if is_joint else {}, read_stated(inputs, environment))
-    refuse_examples(stated.budget, str(inputs))
+        read_sharing(share, len(paths)) if is_joint else {}, budget)
+    refuse_examples(stated.budget, 'inputs' if isinstance(inputs, Mapping) else str(inputs))
     with doing('evaluating'):
         made: Certificate = statements.state(paths, stated, ask)
     return made
+
+
+def certificate_files(made: 'Certificate', name: str, folder: Path, pages: bool = True) -> tuple[bytes, bytes]:
+    """Return a certificate as XML and, where they are asked for, as pages for people (PDF).
+
+    name: of the XML, which is attached to the pages; folder: of the pictures that the identity names."""
+    data = loaded('rosette_ros.certificate.dcc', 'certificate').to_xml(made)
+    return data, loaded('rosette_ros.certificate.pages', '--pdf').to_pdf(made, data, name, folder) if pages else b''
 
 
 def write_certificate(made: 'Certificate', path: str | Path, pdf: str | Path | None = None,
@@ -177,9 +187,7 @@ def write_certificate(made: 'Certificate', path: str | Path, pdf: str | Path | N
     """Write a certificate as XML and, where a name is given, as pages for people; both or, where one fails, none.
 
     identity: the file that it was made with, beside which its pictures lie."""
-    data = loaded('rosette_ros.certificate.dcc', 'certificate').to_xml(made)
-    pages = loaded('rosette_ros.certificate.pages', '--pdf').to_pdf(
-        made, data, Path(path).name, folder_of(identity)) if pdf else b''
+    data, pages = certificate_files(made, Path(path).name, folder_of(identity), bool(pdf))
     write_bytes(path, data, force)
     if pdf:
         write_bytes(pdf, pages, force)

@@ -13,6 +13,7 @@ import numpy as np
 from rosette_ros import analysis
 from rosette_ros.analysis import LadderStep, RunCurves, RunResult, claimed_model
 from rosette_ros.api.cells import diagnosed_cell
+from rosette_ros.api.correction_targets import ROS, correction_file
 from rosette_ros.api.measurement import (
     Doing,
     JudgedRun,
@@ -34,7 +35,7 @@ from rosette_ros.core.joint.run_to_run import joint_spheres
 from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError
-from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.sight.visibility import Visibility, visibility
 from rosette_ros.core.table.correction import Correction
@@ -43,7 +44,6 @@ from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo, monte_ca
 from rosette_ros.core.uncertainty.error_summary import ONE_SENSE, AxisError, four_axis_errors
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.budget_file import environment_of, read_stated
-from rosette_ros.io.correction_file import correction_csv, format_correction
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.qdas_file import Characteristic, format_dfq
 from rosette_ros.io.sharing_file import read_sharing
@@ -458,9 +458,7 @@ class Corrected(Result):
 
     def text(self, csv: bool = False, step: float = 5.0) -> str:
         """Return the correction as YAML (rosette-correction/1), or as a table with a line each `step` degrees."""
-        if csv:
-            return correction_csv(self.correction, np.deg2rad(np.append(np.arange(0.0, 360.0 - 1e-9, step), 360.0)))
-        return format_correction(self.correction, self.serial)
+        return correction_file(self.correction, 'csv' if csv else ROS, self.serial, step)[0]
 
     def write(self, path: str | Path, force: bool = False) -> Path:
         """Write it, as a table where the name ends in .csv, and return the path.
@@ -484,13 +482,20 @@ def correct(runs: Runs, model: ModelLike = None, curves: Sequence[str] = CURVES,
 
 
 def corrected(judged: JudgedRun, curves: tuple[str, ...]) -> Corrected:
-    """Return the correction of one run; raises InvalidData where its table position 1 is not at angle 0."""
-    run = judged.run
+    """Return the correction of one run; raises InvalidData as `correction_of`."""
+    return correction_of(judged.run, judged.result, judged.identity['table.serial'], curves, judged.path)
+
+
+def correction_of(run: Run, result: RunResult, serial: str, curves: tuple[str, ...], path: str = '') -> Corrected:
+    """Return the correction of a run by its result; serial: of the table; path: of the run, for errors.
+
+    Raises InvalidData where table position 1 of the run is not at angle 0."""
     if run.table_offset:
-        raise InvalidData(f'{judged.path or run.source}: expected a run whose table position 1 is at angle 0, found '
+        raise InvalidData(f'{path or run.source}: expected a run whose table position 1 is at angle 0, found '
                           f'{np.rad2deg(run.table_offset):.6g} deg; with --joint its curves are in the axes of angle 0')
-    return Corrected(Correction(judged.motions, judged.motions, curves, run.run_id, run.simulated),
-                     judged.identity['table.serial'], judged.verdict, [], judged.result.curves.which)
+    motions = result.curves.motions
+    return Corrected(Correction(motions, motions, curves, run.run_id, run.simulated), serial, result.verdict, [],
+                     result.curves.which)
 
 
 def corrected_jointly(result: JointResult, serial: str, curves: tuple[str, ...]) -> Corrected:

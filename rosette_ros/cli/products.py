@@ -6,36 +6,32 @@ from argparse import ArgumentParser, Namespace
 from contextlib import nullcontext
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from rosette_ros.api.correction_targets import STEPS, TURN, correction_file, is_controller
 from rosette_ros.api.evaluating import Corrected, budgeted, corrected, corrected_jointly
 from rosette_ros.cli.arguments import UsageError, add_shared, number, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint
 from rosette_ros.core.diagnosis.verdict import Level
-from rosette_ros.core.run.number_words import SCALES
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.correction_check import backward_share, check_correction
 from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.invocation import command
-from rosette_ros.io.controller_tables import OF_A_TURN, TNC_UNIT, Axis, linuxcnc
-from rosette_ros.io.correction_file import correction_csv, format_correction, read_correction
+from rosette_ros.io.controller_tables import Axis
+from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.budget_results import agreement_words, budget_tables, together_words
 from rosette_ros.presentation.correction_results import check_json, check_table, correction_table
 from rosette_ros.words.budget_words import not_considered
-from rosette_ros.words.effect_words import exact
 from rosette_ros.words.verdict_words import verdict_text
 
 NOT_CONFIRMED = 1
 """Exit code; 0 where the correction did what it promised."""
 FEWEST_TRIALS, MOST_TRIALS = 100, 1_000_000
-STEPS = {'csv': 5.0, 'linuxcnc': 2.0, **dict.fromkeys(OF_A_TURN, 5.0), 'heidenhain': 2**15 * TNC_UNIT}
-"""Default distance of the lines of a table, deg."""
 MOST_LINES, MOST_RANGE = 100_000, 36_000
 """Lines of a table, and its farthest angle, deg; controllers read fewer."""
 
@@ -73,8 +69,7 @@ def correct_arguments(parser: ArgumentParser) -> None:
 
 def run_correct(options: Namespace) -> None:
     """Write the file and say what is in it."""
-    is_controller = options.target not in ('ros', 'csv')
-    chosen = ('crz',) if is_controller else CURVES
+    chosen = ('crz',) if is_controller(options.target) else CURVES
     if options.curves is not None:
         chosen = tuple(options.curves.split(','))
     if [one for one in chosen if one not in CURVES]:
@@ -94,7 +89,7 @@ def run_correct(options: Namespace) -> None:
         raise UsageError(f'--output: expected a name for YAML with --for ros, found {options.output!r}; --for csv '
                          f'writes a '
                          'table')
-    low, high = options.range or (0.0, 360.0)
+    low, high = options.range or TURN
     if not low < high:
         raise UsageError(f'correct: --range: expected MIN below MAX, found {low:g} and {high:g}')
     step = options.step or STEPS.get(options.target, 0.0)
@@ -104,16 +99,8 @@ def run_correct(options: Namespace) -> None:
                          f'--step {step:g}; take a larger --step or a smaller --range')
     refuse_output(options.output, options.force)
     made = _correction(options, chosen)
-    correction, table, verdict, unknown = made.correction, made.serial, made.verdict, made.unknown
-    notes: list[str] = []
-    if options.target == 'linuxcnc':
-        text, notes = linuxcnc(correction, low, high, step, controller)
-    elif is_controller:
-        text, notes = OF_A_TURN[options.target](correction, step, controller)
-    elif options.target == 'csv':
-        text = correction_csv(correction, np.deg2rad(np.append(np.arange(low, high - 1e-9, step), high)))
-    else:
-        text = format_correction(correction, table)
+    correction, verdict, unknown = made.correction, made.verdict, made.unknown
+    text, notes = correction_file(correction, options.target, made.serial, step, (low, high), controller)
     write_text(options.output, text, options.force)
     out = console()
     if verdict:
@@ -121,20 +108,10 @@ def run_correct(options: Namespace) -> None:
     if made.which:
         out.print(f'Curves: {made.which}.')
     print_parts(out, [correction_table(correction)])
-    lines = [f'Harmonics: up to {correction.harmonics} of the table angle, those that the run determines.']
+    lines = list(notes)
     if unknown:
         lines.append(f'Not corrected, as the runs do not tell it: the mean of the reversal of {", ".join(unknown)}.')
-    if step:
-        bound = dict(zip(CURVES, correction.curvature() * np.deg2rad(step)**2 / 8))
-        missed = [f'{exact(factor * max(sizes), 4)} {unit}' for kind, (factor, unit) in (
-            ('ct', SCALES['m']), ('cr', SCALES['rad'])) if (sizes := [
-                bound[one] for one in chosen if one.startswith(kind)])]
-        lines.append(f'Straight lines between the angles of the table miss {", ".join(chosen)} by at most '
-                     f'{" and ".join(missed)}.')
-    if is_controller:
-        sign = '+' if controller.sign > 0 else '−'
-        lines.append(f'Axis: {controller.name} = {controller.zero:g}° {sign} table angle (--zero, --sign).')
-    lines += [*notes, f'File: {options.output}']
+    lines.append(f'File: {options.output}')
     if options.target == 'ros':
         lines.append('After a run with the correction, whether it did what it promised:\n  '
                      + command('verify', options.run_path[0], 'AFTER', '--correction', options.output,

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs of an uncertainty budget, schema rosette-budget/1: YAML with a section for each influence."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,11 @@ def format_environment(environment: Environment) -> str:
     if environment.effects:
         section[EFFECTS_OF] = {name: told(one, 'um') for name, one in environment.effects.items()}
     return yaml.safe_dump({'schema': SCHEMA, ENVIRONMENT: section}, sort_keys=False, allow_unicode=True, width=110)
+
+
+def format_inputs(given: Mapping[str, Any]) -> str:
+    """Return budget inputs, as YAML states them, as the text of a file."""
+    return yaml.safe_dump({'schema': SCHEMA, **given}, sort_keys=False, allow_unicode=True, width=110)
 
 
 def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rosette_ros.analysis import RunResult, curves_over, evaluate_jointly
+from rosette_ros.api.documents import certificate_files, certificate_of
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
@@ -13,21 +14,24 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.block_ways import with_block
 from rosette_ros.core.planning.next_readings import next_readings
-from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.run.errors import InvalidData, RosetteError
 from rosette_ros.core.run.records import ErrorMotions, Run
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
+from rosette_ros.io.text_file import bare_name
+from rosette_ros.presentation.error_results import TITLE, errors
 from rosette_ros.presentation.plots.plan_plots import way_to_the_cause
 from rosette_ros.presentation.plots.touch_plots import touch_residuals
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.page_parts import inline_svgs
-from rosette_ros.presentation.report.provenance import Source
+from rosette_ros.presentation.report.provenance import Source, digest
 from rosette_ros.presentation.report.run_page import NO_TOUCHES, touches_of, way_of
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
+from rosette_ros.studio.stated import Stated
 from rosette_ros.studio.studio_session import OpenedRun
 from rosette_ros.words.settling_words import next_words
 
@@ -56,6 +60,37 @@ def budget_with_touches(fit: Fit, source: Source | None, inputs: BudgetInputs | 
                         found: Diagnosis | None) -> Budget:
     """Return the budget of the result, with the scatter of touches where the log of the run has them; found: in it."""
     return RunResult(fit, found, inputs, touches_of(source)[0]).budget_with()
+
+
+@dataclass(frozen=True)
+class MadeCertificate:
+    """A certificate as XML and as pages (PDF), and what it states; name: of the file; missing: mandatory data in words.
+    """
+
+    xml: bytes
+    pages: bytes
+    name: str
+    judgement: str
+    level: str
+    tables: tuple[Table, ...]
+    contradictions: tuple[str, ...]
+    missing: tuple[str, ...]
+
+
+def certified(run: Run, source: Source | None, model: Model, stated: Stated) -> MadeCertificate:
+    """Return the certificate of a run under a model with what is stated; raises InvalidData where its file or data
+    lack."""
+    if source is None or not all(Path(one.path).is_file() and digest(one.path) == one for one in source.files):
+        raise InvalidData(f'{run.run_id or run.source}: expected the file of the run as it was opened, whose hash a '
+                          'certificate states, found none such; a run that was uploaded is opened again by its path on '
+                          'the computer of the studio')
+    missing = list[str]()
+    made = certificate_of([source.path], model, source.run_id, stated.identity, stated.budget or None,
+                          ask=missing.extend)
+    name = bare_name(source.path)
+    xml, pages = certificate_files(made, f'{name}.xml', Path(stated.folder))
+    return MadeCertificate(xml, pages, name, made.judgement, made.verdict.level if made.verdict else '', tuple(
+        errors(one.lines, TITLE.format(one.words)) for one in made.sets), made.contradictions, tuple(missing))
 
 
 def shown_touches(source: Source | None) -> ShownTouches:

@@ -15,23 +15,25 @@ from typing import Any, TypeVar
 from nicegui import Event
 
 from rosette_ros.analysis import LadderStep, advise_run, analyse, change, cross_check, summarise
+from rosette_ros.api.evaluating import Corrected, correction_of
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import NotDeterminable, RosetteError, one_line
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
-from rosette_ros.io.budget_file import budget_inputs, read_stated
 from rosette_ros.presentation.report import report_html
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.calculations import (
     budget_with_touches,
+    certified,
     curves_by_name,
     joint_of,
     next_plan,
     shown_touches,
     shown_way,
 )
+from rosette_ros.studio.stated import Stated
 from rosette_ros.studio.studio_session import KeptResults, OpenedRun, Preview, Session, Ticket
 from rosette_ros.studio.worker import Superseded, Worker
 
@@ -87,7 +89,31 @@ class Controller:
     async def report(self) -> str | None:
         """Return the report of what is shown, HTML; None while its summary is not complete."""
         summary, current = self.session.results.summary, self.session.current
-        return await self._workers[SUMMARY].run(report_html, summary, current.source) if summary and current else None
+        if summary is None or current is None:
+            return None
+        return await self._workers[SUMMARY].run(report_html, summary, current.source, inputs=current.stated.inputs)
+
+    async def state(self, stated: Stated) -> None:
+        """Take what is stated of the run that is shown; raises InvalidData where it does not fit the run."""
+        self.session.state(stated)
+        results = self.session.results
+        await self.do_quick(lambda: results.result and results.result.curves.motions)
+        self.act(lambda: None)
+
+    async def certify(self) -> None:
+        """Make the certificate of the run that is shown, under the model; raises InvalidData where data lack."""
+        if current := self.session.current:
+            await self.ask('certificate', certified, current.run, current.source, self.session.model, current.stated,
+                           of=(self.session.ticket, current.stated))
+
+    def corrected(self, curves: Sequence[str]) -> Corrected | None:
+        """Return the correction by the result that is shown, None while there is none; raises InvalidData where the
+        run gives none."""
+        current, result = self.session.current, self.session.results.result
+        if current is None or result is None:
+            return None
+        serial = current.source.identity['table.serial'] if current.source else ''
+        return correction_of(current.run, result, serial, tuple(curves), current.name)
 
     async def ask(self, what: str, function: Callable[..., T], *arguments: object, of: object = None) -> T:
         """Return function(*arguments), calculated in another process, and keep it as the answer to `what`; of: the
@@ -100,7 +126,9 @@ class Controller:
     def answer(self, what: str) -> Any:
         """Return the last answer where it belongs to what is shown, else None."""
         of, result = self._answers.get(what, (None, None))
-        return result if of in (None, self.session.ticket, self.session.current) else None
+        session = self.session
+        stated = session.current and session.current.stated
+        return result if of in (None, session.ticket, session.current, (session.ticket, stated)) else None
 
     async def preview(self, name: str, make: Callable[[], Model]) -> None:
         """Calculate what the model of `make` would change; show it as a preview."""
@@ -151,17 +179,12 @@ class Controller:
         if current := self.session.current:
             await self.ask('orders', advise_run, current.run, (), 0, CLASSES.get(environment), of=current)
 
-    async def make_budget(self, path: str, environment: str) -> None:
-        """Calculate the uncertainty budget of the run under the model.
-
-        path: of a file of inputs, '' for none; environment: a class that takes the place of what it says, '' for none.
-        """
+    async def make_budget(self) -> None:
+        """Calculate the uncertainty budget of the run under the model, with what is stated."""
         results, current = self.session.results, self.session.current
-        stated = read_stated(path, environment)
-        inputs = budget_inputs(stated, path or 'budget inputs') if stated else None
         if results.fit and current:
-            await self.ask('budget', budget_with_touches, results.fit, current.source, inputs,
-                           results.summary and results.summary.diagnosis, of=self.session.ticket)
+            await self.ask('budget', budget_with_touches, results.fit, current.source, current.stated.inputs,
+                           results.summary and results.summary.diagnosis, of=(self.session.ticket, current.stated))
 
     async def read_touches(self) -> None:
         """Fit spheres to the touches in the log of the run that is shown."""

@@ -24,6 +24,8 @@ from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.studio.access_control import LOOPBACK, AccessControl
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.archive_panel import ArchivePanel
+from rosette_ros.studio.panels.certificate_dialog import CertificateDialog
+from rosette_ros.studio.panels.correction_dialog import CorrectionDialog
 from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel
 from rosette_ros.studio.panels.figures_panel import FiguresPanel
 from rosette_ros.studio.panels.live_panel import CellWatchers, LivePanel
@@ -37,6 +39,7 @@ from rosette_ros.studio.panels.request_panels import (
     TouchPanel,
     WayPanel,
 )
+from rosette_ros.studio.panels.stated_dialog import StatedDialog
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked
 from rosette_ros.studio.studio_session import KeptResults
 from rosette_ros.studio.worker import Superseded, prepare
@@ -79,6 +82,9 @@ class Page:
         self._add = partial(self._act, self._session.add)
         self._dark = ui.dark_mode(None)
         self._dialog = OpenDialog(controller, options.suggestions, folder, self.refresh)
+        self._stated = StatedDialog(controller)
+        self._certify = CertificateDialog(controller, self._stated.open)
+        self._correct = CorrectionDialog(controller)
         self._build_bar()
         with ui.element('div').classes('sheet'):
             with self._tab(RUN):
@@ -88,7 +94,7 @@ class Page:
             with self._tab(ARCHIVE):
                 self._archive = ArchivePanel(controller, options.archive, self._open_log)
         self._keys: dict[str, tuple[str, Callable[[], Awaitable[None] | None]]] = {
-            'o': ('open a run', self._dialog.show),
+            'o': ('open a run', self._dialog.show), 'i': ('state identity and inputs', self._stated.open),
             'p': ('preview all missing effects', self._preview_missing),
             'a': ('add the preview, or all missing effects', self._add_best),
             'Escape': ('close the preview', controller.drop_preview),
@@ -133,8 +139,13 @@ class Page:
             self._tabs.set_value(RUN)
             self._runs = input_field(ui.select({}, label='run', on_change=self._select), 'run').classes('run-choice')
             button('Open', self._dialog.show, 'folder_open', 'open', hint='Open a run (o)')
-            ui.element('div').classes('grow')
-            self._save = button('Save model', self._save_model, 'save', 'save-model', hint='Save the model (s)')
+            self._identity = button('Identity, inputs', self._stated.open, 'badge', 'state', hint='State who, what, '
+                                    'where, tolerances, environment and inputs of U (i)')
+            self._certificate = button('Certificate', self._certify.open, 'workspace_premium', 'certificate',
+                                       hint='Look at the calibration certificate and save it')
+            self._correction = button('Correction', self._correct.open, 'tune', 'correction',
+                                      hint='Look at the correction of the table and save it')
+            self._save = button('Model', self._save_model, 'save', 'save-model', hint='Save the model (s)')
             self._report = button('Report', self._save_report, 'summarize', 'save-report',
                                   hint='Save the report, one HTML file')
             self._theme = button('', self._change_theme, THEMES[None][0], 'theme', hint=THEMES[None][1])
@@ -161,13 +172,13 @@ class Page:
                 with ui.element('div').classes('main'):
                     self._figures = FiguresPanel(controller, self._add_preview, controller.drop_preview)
                     below = (
-                        BudgetPanel(controller, lambda *inputs: self._run(controller.make_budget(*inputs))),
+                        BudgetPanel(controller, lambda: self._run(controller.make_budget())),
                         OrdersPanel(controller, lambda stated: self._run(controller.compare_orders(stated))),
                         OverlayPanel(controller, lambda places: self._run(controller.lay_over(places))),
                         TouchPanel(controller, lambda: self._run(controller.read_touches())),
                         WayPanel(controller, lambda: self._run(controller.show_way())),
                         JointPanel(controller, lambda places: self._run(controller.evaluate_jointly(places))))
-        self._panels = (self._verdict, *panels, self._figures, *below)
+        self._panels = (self._verdict, *panels, self._figures, *below, self._certify)
 
     def _build_help(self) -> None:
         with ui.dialog() as self._help, ui.element('div').classes('card'):
@@ -189,8 +200,12 @@ class Page:
             self._runs.set_options(runs, value=place)
         self._error.set(self._controller.error)
         self._empty.set_visibility(current is None)
-        self._save.set_enabled(current is not None)
-        self._report.set_enabled(self._session.results.summary is not None and not self._is_reporting)
+        results = self._session.results
+        is_ready = results.summary is not None or (current is not None and current.is_large and results.fit is not None)
+        for one, is_enabled in ((self._save, current is not None), (self._identity, current is not None),
+                                (self._certificate, is_ready), (self._correction, is_ready)):
+            one.set_enabled(is_enabled)
+        self._report.set_enabled(results.summary is not None and not self._is_reporting)
         self._run_sheet.set_visibility(current is not None)
         if current is not None:
             for panel in self._panels:
@@ -287,7 +302,8 @@ class Page:
     async def _on_key(self, event: KeyEventArguments) -> None:
         modifiers, key = event.modifiers, event.key.name
         is_plain = event.action.keydown and not (modifiers.ctrl or modifiers.alt or modifiers.meta)
-        if not is_plain or self._dialog.dialog.value or self._help.value:
+        dialogs = (self._dialog.dialog, self._help, self._stated.dialog, self._certify.dialog, self._correct.dialog)
+        if not is_plain or any(one.value for one in dialogs):
             return
         if self._tabs.value != RUN and key not in ('d', '?'):
             return

@@ -8,6 +8,7 @@ its ticket, and shown only while that run and that model are shown.
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, Known, LadderStep, RunResult, Summary, Verdict
@@ -15,7 +16,9 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.records import Run
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.presentation.report.provenance import Source
+from rosette_ros.studio.stated import Stated
 
 MOST_KEPT = 24
 """Results of so many pairs of run and model are kept."""
@@ -25,11 +28,23 @@ Ticket = tuple[Run, Model]
 
 @dataclass(frozen=True, eq=False)
 class OpenedRun:
-    """An opened run, its name on the page and, where it is known, where it comes from."""
+    """An opened run and its name on the page.
+
+    logged: where it comes from, and who, what and where of its log, None where that is not known; stated: besides."""
 
     name: str
     run: Run
-    source: Source | None = None
+    logged: Source | None = None
+    stated: Stated = field(default_factory=Stated)
+
+    @cached_property
+    def source(self) -> Source | None:
+        """Where it comes from, with what is stated in place of what its log says."""
+        given = self.stated.identity
+        if self.logged is None or not (given.entries or given.tolerances):
+            return self.logged
+        identity, changed = self.logged.identity.with_changes(given)
+        return replace(self.logged, identity=identity, contradictions=(*self.logged.contradictions, *changed))
 
     @property
     def is_large(self) -> bool:
@@ -42,7 +57,7 @@ class RunResults:
     """The results of a run under a model so far.
 
     previewed: what a preview has calculated; refusal: why the run cannot determine the model; problem: what else
-    failed."""
+    failed; inputs: stated for the uncertainty budget, None for nothing."""
 
     previewed: LadderStep | None = None
     fit: Fit | None = None
@@ -50,16 +65,28 @@ class RunResults:
     summary: Summary | None = None
     refusal: Verdict | None = None
     problem: str = ''
+    inputs: BudgetInputs | None = None
 
     @property
     def verdict(self) -> Verdict | None:
         """The one verdict."""
         return self.summary.verdict if self.summary else self.refusal
 
-    @property
+    @cached_property
     def result(self) -> RunResult | None:
         """The result, which is as modelled until what is missing was looked for."""
-        return self.summary.result if self.summary else RunResult(self.fit) if self.fit else None
+        fit, found = (self.summary.fit, self.summary.diagnosis) if self.summary else (self.fit, None)
+        if fit is None:
+            return None
+        bare = RunResult(fit, found)
+        return bare if self.inputs is None or bare.budget is None else RunResult(fit, found, self.inputs)
+
+    def with_inputs(self, inputs: BudgetInputs | None) -> 'RunResults':
+        """Return these where inputs of the uncertainty budget are stated."""
+        if inputs is None:
+            return self
+        summary = replace(self.summary, environment=inputs.environment) if self.summary else None
+        return replace(self, summary=summary, inputs=inputs)
 
 
 class Preview(NamedTuple):
@@ -105,6 +132,7 @@ class Session:
     preview: Preview | None = None
     _history: list[tuple[Model, str]] = field(default_factory=lambda: [(Model(), '')])
     _place: int = 0
+    _shown: tuple[RunResults, Stated, RunResults] | None = None
 
     # Runs
 
@@ -120,6 +148,16 @@ class Session:
     def select(self, place: int) -> None:
         """Show another opened run."""
         self.current, self.preview = self.runs[place], None
+
+    def state(self, stated: Stated) -> None:
+        """Replace what is stated of the run that is shown; raises InvalidData where it does not fit the run."""
+        if self.current is None:
+            return
+        changed = replace(self.current, stated=stated)
+        if changed.source:
+            changed.source.identity.limits(changed.run.rotation)
+        self.runs = tuple(changed if one is self.current else one for one in self.runs)
+        self.current = changed
 
     # The model
 
@@ -198,8 +236,13 @@ class Session:
 
     @property
     def results(self) -> RunResults:
-        """The results of the run under the model that are shown."""
-        return self.kept.of(self.ticket) if self.ticket else RunResults()
+        """The results of the run under the model that are shown, with what is stated of it."""
+        if self.current is None or self.ticket is None:
+            return RunResults()
+        kept, stated = self.kept.of(self.ticket), self.current.stated
+        if self._shown is None or self._shown[0] is not kept or self._shown[1] is not stated:
+            self._shown = kept, stated, kept.with_inputs(stated.inputs)
+        return self._shown[2]
 
     def set_preview(self, preview: Preview | None) -> None:
         """Show what a change would do, or the model as it is."""

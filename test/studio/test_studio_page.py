@@ -71,16 +71,77 @@ def test_the_budget_is_calculated_on_request(shared_page, tmp_path):
     expect(result.get_by_test_id('budget-figure').locator('svg')).to_be_visible()
     inputs = tmp_path / 'inputs.yaml'
     inputs.write_text('schema: rosette-budget/1\nradius: {u_um: 1.0, words: MPE}\n')
-    page.get_by_test_id('budget-inputs').fill(str(inputs))
+    page.get_by_test_id('state').click()
+    page.get_by_test_id('state-path').fill(str(tmp_path / 'none.yaml'))
+    page.get_by_test_id('state-take').click()
+    expect(page.get_by_test_id('state-error')).to_contain_text('none.yaml: expected')
+    page.get_by_test_id('state-path').fill(str(inputs))
+    page.get_by_test_id('state-take').click()
+    page.get_by_test_id('state-inputs').get_by_text('Environment and inputs of U').click()
+    expect(page.get_by_test_id('input-radius-u_um')).to_have_value('1')
+    page.get_by_test_id('state-apply').click()
+    expect(result).not_to_contain_text('repeatability x')  # that of other inputs
     go.click()
     expect(result.locator('td', has_text='radius').first).to_be_visible()
-    page.get_by_test_id('budget-inputs').fill(str(tmp_path / 'none.yaml'))
-    go.click()
-    expect(page.get_by_test_id('error')).to_contain_text('none.yaml: expected')
-    page.get_by_test_id('budget-inputs').fill('')
-    choose(page, 'budget-environment', 'laboratory')
+    page.get_by_test_id('state').click()
+    page.get_by_test_id('state-inputs').get_by_text('Environment and inputs of U').click()
+    page.get_by_test_id('input-radius-u_um').fill('')
+    page.get_by_test_id('input-radius-words').fill('')
+    choose(page, 'state-environment', 'laboratory')
+    page.get_by_test_id('state-apply').click()
     go.click()
     expect(result).to_contain_text('What this order cannot show, in U (environment: laboratory)')
+    page.get_by_test_id('state').click()
+    page.get_by_test_id('state-inputs').get_by_text('Environment and inputs of U').click()
+    choose(page, 'state-environment', 'none stated')
+    page.get_by_test_id('state-apply').click()
+    expect(page.get_by_test_id('state-apply')).to_be_hidden()
+
+
+def test_who_what_where_makes_a_certificate_and_a_correction(page, studio, tmp_path):
+    """Stated in a form: tolerances in the result, what lacks by name, files to save; a correction is seen before."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_test_id('certificate').click()
+    page.get_by_test_id('certificate-make').click()
+    expect(page.get_by_test_id('certificate-error')).to_contain_text('expected certificate number')
+    page.get_by_test_id('certificate-state').click()
+    page.get_by_test_id('state-table-serial').fill('RT-7')
+    page.get_by_test_id('tolerance-ctx').fill('1 mrad')
+    for heading, mark in (('Certificate and signature', 'state-certificate'), ('Laboratory', 'state-laboratory'),
+                          ('Conditions and days', 'state-conditions')):
+        page.get_by_test_id(mark).get_by_text(heading, exact=True).click()
+    for mark, words in (('certificate-number', 'K-1'), ('laboratory-country', 'DE'), ('measured-begin', '2026-03-01'),
+                        ('measured-end', '2026-03-01')):
+        page.get_by_test_id(f'state-{mark}').fill(words)
+    page.get_by_test_id('state-apply').click()
+    expect(page.get_by_test_id('state-error')).to_contain_text('EXC: expected a positive length with its unit')
+    page.get_by_test_id('tolerance-ctx').fill('1 µm')
+    with page.expect_download() as coming:
+        page.get_by_test_id('state-save-identity').click()
+    coming.value.save_as(tmp_path / 'identity.yaml')
+    assert yaml.safe_load((tmp_path / 'identity.yaml').read_text())['tolerances'] == {'EXC': '1 µm'}
+    page.get_by_test_id('state-apply').click()
+    expect(page.get_by_test_id('errors').locator('th', has_text='tolerance')).to_have_count(1)
+    page.get_by_test_id('certificate-make').click()
+    expect(page.get_by_test_id('certificate-preview')).to_contain_text('Error motions of the table')
+    for mark, begin in (('xml', b'<?xml'), ('pdf', b'%PDF')):
+        with page.expect_download() as coming:
+            page.get_by_test_id(f'certificate-{mark}').click()
+        coming.value.save_as(tmp_path / mark)
+        assert (tmp_path / mark).read_bytes().startswith(begin)
+    page.get_by_test_id('certificate-close').click()
+
+    page.get_by_test_id('correction').click()
+    expect(page.get_by_test_id('correction-text')).to_contain_text('table: RT-7')
+    expect(page.get_by_test_id('correction-figure').locator('.js-line').first).to_be_attached()
+    choose(page, 'correction-target', 'HEIDENHAIN')
+    expect(page.get_by_test_id('correction-text')).to_contain_text('AXISPOS')
+    expect(page.get_by_test_id('correction-preview')).to_contain_text('miss crz by at most')
+    with page.expect_download() as coming:
+        page.get_by_test_id('correction-save').click()
+    coming.value.save_as(tmp_path / 'crz.com')
+    assert (tmp_path / 'crz.com').read_text().startswith('BEGIN')
 
 
 def test_orders_are_compared_with_the_u_that_each_would_give(shared_page):

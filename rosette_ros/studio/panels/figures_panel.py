@@ -111,8 +111,8 @@ class FiguresPanel:
             curves += [figures.Curves(one.which, one.motions, BEFORE, 'dot') for one in [result.beside] if one]
         chosen, run = self._chosen(shown), shown.run
         angle = None if chosen is None else float(run.table_angle[chosen] + run.table_offset)
-        self._curves.draw((main.fit, after, angle), figures.curves_figure, curves, angle)
-        self._polar.draw((shown, main.fit), polar_motions, main.motions if shown is fit else shown.error_motions)
+        self._curves.draw((main, after, angle), figures.curves_figure, curves, angle)
+        self._polar.draw((shown, main), polar_motions, main.motions if shown is fit else shown.error_motions)
         self._plate.draw((shown,), deviations, shown.plate, shown.cmm, run.radius)
         self._maps.draw((shown, fit, chosen), figures.maps_figure, shown, fit, chosen)
         self._times.draw((shown, after, chosen), figures.time_figure, shown,

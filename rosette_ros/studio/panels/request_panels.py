@@ -37,17 +37,14 @@ Start = Callable[[Sequence[int]], Awaitable[None]]
 class BudgetPanel:
     """What contributes how much to U of each curve; calculated on request."""
 
-    def __init__(self, controller: Controller, on_make: Callable[[str, str], Awaitable[None]]) -> None:
-        """Build it; on_make(path, environment): calculate the budget; path: of a file of inputs, '' for none."""
+    def __init__(self, controller: Controller, on_make: Callable[[], Awaitable[None]]) -> None:
+        """Build it; on_make(): calculate the budget."""
         self._controller = controller
         with widgets.folded_card('Uncertainty budget (GUM)', 'budget'):
-            ui.label('What the readings do not tell (form of balls, thermal coefficients, alignment, radius) comes '
-                     'from a file of inputs (YAML, rosette-budget/1).').classes('soft small')
+            ui.label('What the readings do not tell (form of balls, thermal coefficients, alignment, radius, '
+                     'environment) is stated by the button "Identity, inputs" above.').classes('soft small')
             with row():
-                path = input_field(ui.input('file of inputs (YAML), optional'), 'budget-inputs', 'min-width: 320px')
-                environment = _environment_field('budget')
-                button('Calculate', lambda: on_make((path.value or '').strip(), environment.value),
-                       'stacked_bar_chart', 'budget-go')
+                button('Calculate', on_make, 'stacked_bar_chart', 'budget-go')
             self._result = widgets.result_area('budget-result')
 
     def show(self, opened: OpenedRun) -> None:
@@ -63,7 +60,9 @@ class OrdersPanel:
         self._controller = controller
         with widgets.folded_card('Orders for the next run', 'orders'):
             with row():
-                environment = _environment_field('orders')
+                offered = {'': 'none stated', **{name: name for name in CLASSES}}
+                environment = input_field(ui.select(offered, label='environment', value=''), 'orders-environment',
+                                          'width: 160px')
                 button('Compare', lambda: on_compare(environment.value), 'route', 'orders-go')
             self._result = widgets.result_area('orders-result')
 
@@ -150,12 +149,6 @@ class JointPanel(RunsPanel):
         self._offer(runs, len(runs) > 1, 'What they share is taken from the runs, and tested.',
                     'Open a second run of the same cell first.')
         self._result.show(_fill_joint, self._controller.answer('joint'))
-
-
-def _environment_field(mark: str) -> ui.select:
-    """Return the choice of a class of environment, '' for none."""
-    offered = {'': 'none stated', **{name: name for name in CLASSES}}
-    return input_field(ui.select(offered, label='environment', value=''), f'{mark}-environment', 'width: 160px')
 
 
 def _fill_orders(advice: Advice | None) -> None:
