@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The causes of a cell: rates that are integrated, sizes and constants in common, events, runs that say nothing."""
+"""The causes of a cell: rates that are integrated, events, runs that say nothing; what is stated holds."""
 
 import math
 
 import numpy as np
 import pytest
 
+from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.log_evidence import SIZES
 from rosette_ros.core.joint.cell_diagnosis import CellRun, diagnose_cell, refuse_unlike
 from rosette_ros.core.joint.cell_rates import COMES_AGAIN, CellRates
-from rosette_ros.core.joint.run_causes import CauseShape, RunCauses
+from rosette_ros.core.joint.run_causes import CauseShape, RunCauses, causes_in
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.sight.priors import SEARCHED, log_found
 from rosette_ros.simulation import Machine, MachineConfig
 
 PRIOR = 0.01
@@ -34,7 +36,7 @@ def test_one_cause_has_the_probability_of_the_integral():
     factor = np.exp(np.array(values))
     elsewhere = PRIOR * (1 - COMES_AGAIN)
     as_property = 2 * COMES_AGAIN * PRIOR * np.mean(np.prod(1 - rho[:, None] + rho[:, None] * factor, axis=1))
-    by_chance = (1 - 2 * COMES_AGAIN * PRIOR) * np.prod(1 + elsewhere / (1 - elsewhere) * factor)
+    by_chance = (1 - 2 * COMES_AGAIN * PRIOR) * np.prod(1 - elsewhere + elsewhere * factor)
     assert rates.again(DRIFT) == pytest.approx(as_property / (as_property + by_chance), abs=0.01)
 
 
@@ -91,15 +93,89 @@ def shape(tau, width):
         'tau': (tuple(values.tolist()), line - np.log(np.mean(np.exp(line))))})
 
 
-def test_constants_are_those_of_all_runs_together():
-    """Where the runs agree the law is likelier, and its constant better known than by one."""
-    same = [run_of({WARMUP: shape(1000, 1.0)}, **{WARMUP: 3.0}) for _ in range(6)]
-    other = [run_of({WARMUP: shape(150 * 2.3**k, 0.3)}, **{WARMUP: 3.0}) for k in range(6)]
-    assert CellRates(same).again(WARMUP) > CellRates(other).again(WARMUP)
-    values, p = CellRates(same).common(WARMUP, 'tau')
+def test_constants_and_sizes_are_those_of_all_runs_that_have_it():
+    """The constant is better known than by one; a run that has not the cause says nothing of either."""
+    runs = [run_of({WARMUP: shape(1000, 1.0)}, **{WARMUP: 6.0}) for _ in range(6)]
+    without = run_of({WARMUP: shape(9000, 0.1)}, **{WARMUP: -9.0})
+    rates = CellRates([*runs, without])
+    values, p = rates.constants(WARMUP)['tau']
     mean = p @ np.log(values)
     assert math.exp(mean) == pytest.approx(1000, rel=0.05)
     assert np.sqrt(p @ (np.log(values) - mean)**2) < 0.6
+    size, spread = rates.size(WARMUP)
+    assert size == pytest.approx(64e-8) and spread < 0.01
+
+
+# What is stated holds: cells whose runs are drawn, without any search
+
+CAUSES = DRIFT, CREEP, 'table_backlash', 'plate_warp'
+OFTEN = 0.2
+"""Prior of each in a run."""
+ALIKE = np.array([[1.0, 0, 0, 0], [0.9, 0.19**0.5, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+"""Directions of what each does to four readings: those of two laws are alike."""
+SIZE = 2.5
+"""What each does, in units of the noise of a reading."""
+
+
+def drawn_cell(rng, runs=6):
+    """Return a cell drawn from the hierarchical model: what its runs say exactly, which causes are properties, which
+    each run has, which the next one has."""
+    again = rng.uniform(size=4) < 2 * COMES_AGAIN * OFTEN
+    rate = np.where(again, rng.uniform(size=4), OFTEN * (1 - COMES_AGAIN))
+    there = rng.uniform(size=(runs + 1, 4)) < rate
+    sets = (np.arange(16)[:, None] >> np.arange(4) & 1).astype(bool)
+    odds = math.log(OFTEN / (1 - OFTEN))
+    said = []
+    for one in there[:-1]:
+        reading = SIZE * one @ ALIKE + rng.normal(size=4)
+        off = reading - SIZE * sets @ ALIKE
+        said.append(RunCauses(tuple(tuple(name for name, has in zip(CAUSES, row) if has) for row in sets),
+                              -(off**2).sum(axis=1) / 2 + odds * sets.sum(axis=1), dict.fromkeys(CAUSES, odds)))
+    return said, again, there
+
+
+def test_stated_probabilities_hold():
+    """Of causes in runs, of properties and of the next run, in each bin within its sampling error of 3.5 sigma; what
+    the runs of one cell miss together counts once."""
+    rng, stated = np.random.default_rng(5), {'in a run': [], 'property': [], 'next run': []}
+    for _ in range(300):
+        said, again, there = drawn_cell(rng)
+        rates = CellRates(said)
+        stated['property'].append(([rates.again(name) for name in CAUSES], again))
+        stated['next run'].append(([rates.rate(name) for name in CAUSES], there[-1]))
+        in_runs = [one.of_each(p) for one, p in zip(said, rates.posteriors)]
+        stated['in a run'].append(([each[name] for each in in_runs for name in CAUSES], there[:-1].reshape(-1)))
+    for what, cells in stated.items():
+        p, true = (np.array([one[k] for one in cells], dtype=float) for k in (0, 1))
+        for low, high in ((0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.97), (0.97, 1.01)):
+            own = (p >= low) & (p < high)
+            off = np.where(own, p - true, 0).sum(axis=1)
+            error = max(math.sqrt(off @ off), math.sqrt(np.where(own, p * (1 - p), 0).sum()))
+            assert abs(off.sum()) < 3.5 * error + 1e-9, (what, low, off.sum() / own.sum())
+
+
+@pytest.mark.parametrize('runs', [6, 60])
+def test_no_more_is_stated_than_the_counts_support(runs):
+    """Where each run says for certain whether it has a cause, the rate is that of Laplace's rule, at most."""
+    for count in (1, runs // 2, runs):
+        rates = CellRates([run_of(**{DRIFT: 30.0 if k < count else -30.0}) for k in range(runs)])
+        rule = (count + 1) / (runs + 2)
+        assert rates.rate(DRIFT) < rule + 1e-6
+        if count > 1:
+            assert rates.rate(DRIFT) == pytest.approx(rule, rel=0.02)
+
+
+def test_what_a_law_has_to_find_it_has_to_find_in_each_run():
+    """A law with a constant to find has the rate of one without, and is rarer in what each run says of it."""
+    machine = Machine(MachineConfig().changed(seed=1, plate={'balls': 6}))
+    run = machine.run(plan(6, 'interleaved', 1))
+    causes = causes_in(search_of(run))
+    assert causes.log_prior['frame_temperature_lag'] == pytest.approx(causes.log_prior['frame_temperature'])
+    families = {one.name: one for one in search_of(run).readings.bank.families}
+    assert log_found(families['frame_temperature']) == 0
+    for name in ('frame_temperature', 'frame_temperature_lag'):
+        assert causes.log_prior[name] + log_found(families[name]) == pytest.approx(families[name].log_prior)
+    assert log_found(families['frame_temperature_lag']) == -SEARCHED
 
 
 def test_causes_of_one_statement_are_told_together():

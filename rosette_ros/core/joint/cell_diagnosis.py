@@ -5,6 +5,7 @@
     found = diagnose_cell(runs)             the rates of all causes: cell_rates.py; sizes, constants, changes
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -253,11 +254,9 @@ def _cause(names: tuple[str, ...], rates: CellRates, runs: Sequence[CellRun],
 
 def _typical(rates: CellRates, name: str, in_runs: Iterable[CauseInRun]) -> tuple[float, float]:
     """Return the typical size of a cause, m rms, and the standard deviation of its logarithm."""
-    found = rates.common(name, 'size')
-    if found:
-        line, weight = np.log(found[0]), found[1]
-        mean = float(weight @ line)
-        return float(np.exp(mean)), float(np.sqrt(weight @ (line - mean)**2))
+    found = rates.size(name)
+    if not math.isnan(found[0]):
+        return found
     known = [np.log(one.size) for one in in_runs if one.size > 0]
     return (float(np.exp(np.mean(known))), float(np.std(known))) if known else (np.nan, np.nan)
 
@@ -265,8 +264,7 @@ def _typical(rates: CellRates, name: str, in_runs: Iterable[CauseInRun]) -> tupl
 def _constants(rates: CellRates, name: str) -> tuple[CommonConstant, ...]:
     """Return the constants of the law of a property, from all runs together."""
     out, units = [], {one.name: one for one in LAWS[name].searched} if name in LAWS else {}
-    for what in rates.constants(name):
-        values, p = rates.common(name, what) or (np.zeros(1), np.ones(1))
+    for what, (values, p) in rates.constants(name).items():
         if units[what].kind == 'choice':
             best = int(np.argmax(p))
             if p[best] >= WHOLE:

@@ -20,6 +20,7 @@ from rosette_ros.core.effects.effect import Searched
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
 from rosette_ros.core.sight.bank import CauseFamily
+from rosette_ros.core.sight.priors import log_found
 
 KEPT = 12.0
 """Log evidence, with even odds for each cause of the library, by which a hypothesis that is kept may be worse than the
@@ -50,7 +51,8 @@ class RunCauses:
     """What a run says of causes.
 
     hypotheses: names of members, each once, of every hypothesis that is kept; log_evidence: (h,), their priors
-    included; log_prior: of each name; silent: names of which the run says nothing; shapes: by name.
+    included; log_prior: of each name, but for what it has to find in each run; silent: names of which the run says
+    nothing; shapes: by name.
     """
 
     hypotheses: tuple[tuple[str, ...], ...]
@@ -74,11 +76,9 @@ class RunCauses:
     def members(self) -> Ints:
         """The numbers of the members of each hypothesis among the names, (h, most), the number of names for none."""
         number = {name: k for k, name in enumerate(self.names)}
-        most = max(map(len, self.hypotheses), default=0)
-        out = np.full((len(self.hypotheses), max(most, 1)), len(number))
-        for row, some in enumerate(self.hypotheses):
-            for place, name in enumerate(some):
-                out[row, place] = number[name]
+        count = np.array([len(some) for some in self.hypotheses])
+        out = np.full((len(count), max(count.max(initial=0), 1)), len(number))
+        out[np.arange(out.shape[1]) < count[:, None]] = [number[name] for some in self.hypotheses for name in some]
         return out
 
     def total(self, by_name: Mapping[str, float]) -> Floats:
@@ -102,12 +102,11 @@ class RunCauses:
         """
         return float((self.p if p is None else p)[self.total(dict.fromkeys(names, 1.0)) > 0].sum())
 
-    def odds(self, name: str) -> float:
-        """Return the factor by which the run changes the odds of a cause; 1 where it says nothing."""
-        if name in self.silent:
-            return 1.0
-        p = min(self.alone.get(name, 0.0), 1 - 1e-12)
-        return p / (1 - p) / math.exp(self.log_prior[name]) if p else 0.0
+    @cached_property
+    def odds(self) -> dict[str, float]:
+        """The factor by which the run changes the odds of each name."""
+        p = np.minimum(list(self.alone.values()), 1 - 1e-12)
+        return dict(zip(self.alone, (p / (1 - p) / np.exp(list(self.log_prior.values()))).tolist()))
 
 
 def is_constant(one: Searched) -> bool:
@@ -127,18 +126,19 @@ def causes_in(search: RunSearch) -> RunCauses:
     for (names, _), value in found.items():
         once = tuple(dict.fromkeys(names))
         best[once] = float(np.logaddexp(best.get(once, -np.inf), value))
-    lifted = {names: value - sum(min(families[name].log_prior, 0.0) for name in names if name in LAWS)
+    every = {name: one.log_prior - log_found(one) for name, one in families.items()}
+    lifted = {names: value - sum(min(every[name], 0.0) for name in names if name in LAWS)
               for names, value in best.items()}
     least, least_lifted = max(best.values()) - KEPT, max(lifted.values()) - KEPT
     kept = tuple(sorted((names for names, value in best.items() if value > least or lifted[names] > least_lifted),
                         key=lambda names: -best[names]))
-    prior = {name: families[name].log_prior for names in kept for name in names}
+    prior = {name: every[name] for names in kept for name in names}
     shares = _shares(search)
     silent = frozenset(LAWS).difference(shares) | {name for name, share in shares.items() if share < HIDDEN_SHARE}
     made = RunCauses(kept, np.array([best[names] for names in kept]), prior, silent.difference(prior))
     if search.noiseless:
         return made
-    likely = sorted((name for name in prior if made.odds(name) > 1), key=lambda name: -made.odds(name))
+    likely = sorted((name for name in prior if made.odds[name] > 1), key=lambda name: -made.odds[name])
     shapes = {}
     for name in likely[:SHAPED]:
         key = next((key for key in posterior.keys if name in key[0]), None)

@@ -33,12 +33,19 @@ def with_priors(families: Sequence[CauseFamily], seen: float = SEEN,
     free = A_FREE if any(family.is_free for family in families) else 0.0
     for is_free in (False, True):
         some = [family for family in families if family.is_free == is_free]
-        weight = np.array([math.exp(-SEARCHED * (family.name.count('×') if is_free else sum(
-            one.kind != 'choice' for one in family.effect.searched))) for family in some])
+        weight = np.array([math.exp(log_found(family)) for family in some])
         share = EXPECTED * seen * (free if is_free else 1 - free)
         for family, own in zip(some, weight / weight.sum() if len(some) else ()):
             family.log_prior = math.log(share * own)
             if experience and (known := experience.by_name.get(family.name)):
-                family.learnt = math.log(known.rate / (1 - known.rate)) - family.log_prior
+                family.learnt = math.log(known.rate / (1 - known.rate)) + log_found(family) - family.log_prior
                 family.log_prior += family.learnt
     return families
+
+
+def log_found(family: CauseFamily) -> float:
+    """Return the log of the factor by which what a family has to find makes it rarer in each run.
+
+    It is part of its prior, and of no rate: moments and constants are searched anew however often a cell has it."""
+    return -SEARCHED * (family.name.count('×') if family.is_free else sum(
+        one.kind != 'choice' for one in family.effect.searched))
