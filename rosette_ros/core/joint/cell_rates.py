@@ -230,15 +230,17 @@ class CellRates:
         before = np.zeros(silent.shape)
         for turn in range(ROUNDS):
             total = message.sum(axis=0) + np.log(self._weights)
-            there = _normal(total - message) @ self._nodes
+            cavity = total - message  # what all other runs say
+            cavity = np.exp(cavity - cavity.max(axis=-1, keepdims=True))
+            there = (cavity @ self._nodes) / cavity.sum(axis=-1)
             term = weight * np.prod(np.where(member, there[:, None], np.where(silent, 1.0, 1 - there)[:, None]), axis=2)
             whole = term.sum(axis=1)
             if np.abs(there - before).max(initial=0.0) < STILL:
                 break
-            before, with_it = there, term @ member
-            yes, no = with_it / there, np.maximum(whole[:, None] - with_it, 0) / (1 - there)
-            fresh = np.log(yes[..., None] * self._nodes + no[..., None] * (1 - self._nodes) + 1e-300)
-            fresh = np.where(silent[..., None], 0.0, fresh - np.log(whole)[:, None, None])
+            before, with_it = there, term @ member / whole[:, None]
+            yes = np.where(silent, 1.0, with_it / there)
+            no = np.where(silent, 1.0, np.maximum(1 - with_it, 0) / (1 - there))
+            fresh = np.log(no[..., None] + (yes - no)[..., None] * self._nodes + 1e-300)
             # those that wander between look-alikes come to rest half way
             message = (message + fresh) / 2 if turn > 2 and m > 1 else fresh
         evidence = float(np.log(whole).sum() + np.logaddexp.reduce(total, axis=1).sum())
