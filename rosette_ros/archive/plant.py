@@ -43,7 +43,7 @@ class TableStanding:
     @property
     def conformity(self) -> Conformity | None:
         """What is decided about all tolerances together: the worst; None where none is stated."""
-        return next((one for one in LEVELS if one in self.decided.values()), None)
+        return worst_of(self.decided)
 
     @property
     def level(self) -> str:
@@ -66,6 +66,19 @@ class TableStanding:
         return tuple(said)
 
 
+def decided_by(row: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Conformity]:
+    """Return what a row decides on each tolerance, m and rad by curve: nothing where the model lacks something."""
+    doubt = doubt_of(VerdictText(Outcome(row['outcome']), '', '') if row['outcome'] else None)
+    return {curve: Conformity.UNDECIDED if doubt else conformity(
+        row[f'range_{key}'], row[f'U_range_{key}'], limits[curve])
+        for curve, key in ((key.partition('_')[0], key) for key in CURVE_KEYS) if curve in limits}
+
+
+def worst_of(decided: Mapping[str, Conformity]) -> Conformity | None:
+    """Return what is decided about all tolerances together: the worst; None where none is stated."""
+    return next((one for one in LEVELS if one in decided.values()), None)
+
+
 def plant_of(archive: RunArchive, now: datetime.datetime) -> tuple[TableStanding, ...]:
     """Return the tables of an archive, the most urgent first; now: by which it is told whether a calibration is due.
 
@@ -85,11 +98,7 @@ def _state(serial: str, rows: Sequence[Mapping[str, Any]], now: datetime.datetim
     model = Counter(row['model_hash'] for row in rows).most_common(1)[0][0]
     rows = sorted((row for row in rows if row['model_hash'] == model), key=lambda row: row['measured_at'])
     last, trend, due = rows[-1], None, None
-    judged = VerdictText(Outcome(last['outcome']), '', '') if last['outcome'] else None
-    doubt, known = doubt_of(judged), limits_of(rows)
-    decided = {curve: Conformity.UNDECIDED if doubt else conformity(
-        last[f'range_{key}'], last[f'U_range_{key}'], known[curve])
-        for curve, key in ((key.partition('_')[0], key) for key in CURVE_KEYS) if curve in known}
+    decided = decided_by(last, limits_of(rows))
     try:
         trend = trend_of(history_of(rows, serial))
     except InvalidData:  # too few runs for one

@@ -113,6 +113,36 @@ def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, to
     return figure_of(data, layout)
 
 
+def causes_figure(causes: Sequence[str], runs: Sequence[str], dots: Sequence[tuple[int, int, float, float | None]]
+                  ) -> PlotlyFigure:
+    """Return causes against runs: the area of a dot is the probability, its colour the size; dots: places of cause and
+    run, probability, size, µm rms, None where the run does not name the cause. A trace of those named, one of others.
+    """
+    data: list[PlotlyFigure] = []
+    for is_named in (True, False):
+        shown = [one for one in dots if (one[3] is not None) == is_named]
+        marker: PlotlyFigure = {'size': [22 * one[2]**0.5 for one in shown], 'opacity': 1.0}
+        if is_named:
+            marker |= {'color': [one[3] for one in shown], 'colorscale': 'Cividis', 'line': {'width': 1, 'color': SOFT},
+                       'colorbar': {'title': {'text': 'µm rms', 'side': 'top'}, 'thickness': 12}}
+        else:
+            marker |= {'symbol': 'circle-open', 'color': '#8a8a8a', 'line': {'width': 1.5}}
+        data.append({
+            'type': 'scatter', 'mode': 'markers', 'x': [one[1] for one in shown], 'y': [one[0] for one in shown],
+            'marker': marker, 'showlegend': False, 'text': [
+                f'{runs[run]}<br>{causes[cause]}<br>probability {100 * p:.0f} %'
+                + ('; not named by this run' if size is None else f', {size:.3g} µm rms')
+                for cause, run, p, size in shown],
+            'hovertemplate': '%{text}<extra></extra>'})
+    step = -(-len(runs) // 12)
+    layout = layout_of(margin={'l': 230, 'b': 80, 't': 12})
+    layout['xaxis'] = {'range': [-0.7, len(runs) - 0.3], 'tickvals': list(range(0, len(runs), step)),
+                       'ticktext': list(runs[::step]), 'tickangle': 30}
+    layout['yaxis'] = {'range': [len(causes) - 0.4, -0.6], 'tickvals': list(range(len(causes))),
+                       'ticktext': list(causes)}
+    return figure_of(data, layout)
+
+
 def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]:
     """Return the band and the line of one curve, closed to a whole turn."""
     angle, value = closed(one.motions.angle, one.motions[curve], curve)

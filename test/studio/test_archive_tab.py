@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tab of an archive in a real browser: filter, curves over each other, differences, trend, a click opens a run."""
 
+import re
+
 import numpy as np
 import pytest
 from plain_loop import PlainLoop
 from playwright.sync_api import expect
 
+from rosette_ros.archive.archive_questions import Question
 from rosette_ros.archive.run_adding import add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.core.run.errors import InvalidData
@@ -15,11 +18,12 @@ from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.studio.archive_view import less_earliest
+from rosette_ros.studio.archive_view import causes_of, less_earliest, list_runs
 
 pytestmark = pytest.mark.long
 
 BALLS, RUNS = 4, 9
+DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [4.0, 0.0, 2.0]}
 
 
 @pytest.fixture
@@ -40,7 +44,6 @@ def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
     with start_studio(tmp_path, '--archive', archive) as studio:
         page.goto(studio.address)
         expect(page.get_by_test_id('archive-words')).to_contain_text(f'{RUNS} of {RUNS} runs')
-        page.get_by_test_id('archive-plant').click()
         expect(page.get_by_test_id('archive-plant-table')).to_contain_text('not stated')
         page.get_by_test_id('archive-trend').click()
         expect(page.get_by_test_id('archive-sentence')).to_contain_text('9 runs: no step in the last 8 runs')
@@ -74,6 +77,35 @@ def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
         page.close()
 
 
+def test_causes_stand_against_runs(page, tmp_path, start_studio):
+    """The list has ranges and conformity; what is due stands below; a drift that two of three runs have is a line of
+    dots, a click on one opens its run."""
+    archive = RunArchive(tmp_path / 'archive', make=True)
+    for number, hidden in enumerate(([DRIFT], [], [DRIFT])):
+        path = tmp_path / f'run{number}.csv'
+        machine = Machine(MachineConfig().changed(seed=number + 1, plate={'balls': 6}, hidden=hidden))
+        write_csv(machine.run(plan(6, 'random', number), run_id=f'run{number}'), path)
+        stated = Identity({'table.serial': 'RT-7', 'measured.begin': f'2026-0{number + 1}-01'}, {'EXC': '5 µm'})
+        add_logs(archive, find_logs([str(path)]), PlainLoop(), identity=stated)
+    found = list_runs(str(archive.folder), Question({}))
+    assert [one['tolerances'] for one in found.lines] == ['not decidable', 'conforms', 'not decidable']
+    assert all(0 < one['ctx'] < 5 for one in found.lines)
+    causes = causes_of(str(archive.folder), [one['key'] for one in found.lines], found.model)
+    assert [run for _, _, run in causes.runs] == ['run0', 'run1', 'run2']
+    likely = {(causes.causes[one.cause], one.run) for one in causes.dots if one.probability > 0.5}
+    assert {run for _, run in likely} == {0, 2} and 'linear probe drift' in {cause for cause, _ in likely}
+    with start_studio(tmp_path, '--archive', archive.folder) as studio:
+        page.goto(studio.address)
+        expect(page.get_by_test_id('archive-plant-table')).to_contain_text('RT-7')  # what is due, unasked
+        expect(page.get_by_test_id('archive-runs').locator('.state.good', has_text='conforms')).to_have_count(1)
+        page.get_by_test_id('archive-causes').click()
+        figure = page.get_by_test_id('archive-figure')
+        expect(figure).to_contain_text('linear probe drift')
+        figure.locator('.points .point').first.click(force=True)
+        expect(page.get_by_test_id('run')).to_have_value(re.compile('run[02].csv'))
+        page.close()
+
+
 def test_differences_want_the_same_table_angles():
     """Each run less the first, u of both; a run between the steps of the other is refused."""
     one, other = (ErrorMotions(nominal_angles(4), np.full((4, 6), value), np.full((4, 6), u))
@@ -84,5 +116,5 @@ def test_differences_want_the_same_table_angles():
     np.testing.assert_allclose(less.u, 5e-7, rtol=1e-12)
     turned = ErrorMotions(other.angle + np.deg2rad(15), other.values, other.u)
     with pytest.raises(InvalidData, match=(
-            '^wanted runs at the same table angles, found b with 4 from 15° and a with 4 from 0°$')):
+            '^expected runs at the same table angles, found b with 4 from 15° and a with 4 from 0°$')):
         less_earliest([('a', one), ('b', turned)])

@@ -116,7 +116,7 @@ def test_the_answer_of_a_preview_is_in_view(opened, width, name):
     assert page.evaluate('window.busy')
     page.wait_for_function('''expected => {
         const lines = [...document.querySelectorAll('[data-testid=curves] .scatterlayer .js-line')];
-        return wanted.every(colour => lines.some(one => one.style.stroke === colour)); }''', arg=[
+        return expected.every(colour => lines.some(one => one.style.stroke === colour)); }''', arg=[
         f'rgb{tuple(bytes.fromhex(colour[1:]))}' for colour in (BEFORE, AFTER)])
     page.get_by_test_id('preview-drop').click()
     expect(page.get_by_test_id('preview-words')).to_be_hidden()

@@ -10,12 +10,13 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from rosette_ros.core.run.errors import InvalidData, RosetteError, counted, one_line
-from rosette_ros.core.run.records import ErrorMotions
+from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.presentation.formatting import curve_units
 from rosette_ros.presentation.plots.plot_style import COLOURS
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.requirements import missing_words
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
+from rosette_ros.studio.figures import Curves, causes_figure, curves_figure, trend_figure
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.diagnosis_panel import ICONS
 from rosette_ros.studio.panels.figures_panel import WIDTH
@@ -24,13 +25,17 @@ from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
     from rosette_ros.archive.table_history import TableTrend
-    from rosette_ros.studio.archive_view import ArchiveRuns
+    from rosette_ros.studio.archive_view import ArchiveRuns, CausesOfRuns
 
 OpenRun = Callable[[str, str], Awaitable[None]]
 MOST_CURVES = 12
 """Runs whose curves are drawn over each other."""
 COLUMNS = (('measured', 'measured, UTC'), ('table', 'table'), ('run_id', 'run'), ('cell', 'cell'), ('n', 'n'),
-           ('rms', 'residual / µm'), ('level', 'verdict'), ('lacks', 'lacks'))
+           ('rms', 'residual / µm'), ('level', 'verdict'), ('tolerances', 'tolerances'), ('lacks', 'lacks'))
+"""Columns of the list; the ranges of the six curves follow the residual."""
+STATE = """<q-td :props="props"><span :class="'state ' + props.row.FIELD"><q-icon v-if="props.value"
+    :name="props.row.FIELD_icon" aria-hidden="true"/> {{ props.value }}</span></q-td>"""
+"""A cell with the icon and the colour of a level; FIELD: that of the row."""
 ANY = '(any)'
 
 
@@ -41,8 +46,8 @@ class ArchivePanel:
         """Build it; folder: of the archive at first, '' for none; on_open(path, run_id): open a run."""
         self._controller, self._on_open = controller, on_open
         self._runs: ArchiveRuns | None = None
-        self._trend: TableTrend | None = None
         self._is_filling = False
+        self._points: list[list[tuple[str, str]]] = []
         with card('Archive of runs', 'archive'):
             with row():
                 self._folder = input_field(ui.input('folder of the archive', value=folder), 'archive-folder',
@@ -59,9 +64,13 @@ class ArchivePanel:
             self._error = widgets.ErrorLine('archive-error')
             self._words = marked(ui.label('').classes('soft small').props('role=status aria-live=polite'),
                                  'archive-words')
+            ranges = [(curve, f'{curve} / {unit}') for curve, unit in zip(CURVES, curve_units(), strict=True)]
+            place = [key for key, _ in COLUMNS].index('rms') + 1
             self._list = ui.table(columns=[{'name': key, 'label': head, 'field': key, 'sortable': True, 'align': 'left'}
-                                           for key, head in COLUMNS], rows=[], row_key='key', selection='multiple',
-                                  pagination=10)
+                                           for key, head in (*COLUMNS[:place], *ranges, *COLUMNS[place:])],
+                                  rows=[], row_key='key', selection='multiple', pagination=10)
+            for column, level in (('level', 'level'), ('tolerances', 'tolerance_level')):
+                self._list.add_slot(f'body-cell-{column}', STATE.replace('FIELD', level))
             marked(self._list.props('dense flat aria-label="Runs of the archive"'), 'archive-runs')
             self._list.on('rowClick', self._clicked, js_handler='(event, row) => emit(row.key)')
             with row() as self._actions:
@@ -70,6 +79,7 @@ class ArchivePanel:
                 button('Differences to the earliest', lambda: self._do(self._draw_curves, True), 'difference',
                        'archive-differences')
                 button('Trend of the table', lambda: self._do(self._draw_trend), 'trending_up', 'archive-trend')
+                button('Causes against runs', lambda: self._do(self._draw_causes), 'scatter_plot', 'archive-causes')
                 button('All tables', lambda: self._do(self._show_plant), 'factory', 'archive-plant')
                 self._busy = ui.spinner(size='22px')
             self._plant = widgets.Area(marked(ui.element('div').classes('list small'), 'archive-plant-table'))
@@ -86,9 +96,11 @@ class ArchivePanel:
 
     async def open(self) -> None:
         """Open the archive in the field."""
-        self._runs = self._trend = None
+        self._runs = None
         self._plant.show(lambda: None)
         await self._filter()
+        if self._runs is not None and any(self._runs.tables):
+            await self._do(self._show_plant)
 
     async def _filter(self) -> None:
         """Read the runs that the filter leaves."""
@@ -115,7 +127,8 @@ class ArchivePanel:
         self._model.set_options({key: f'{key[:12]} ({number})' for key, number in runs.models}, value=runs.model)
         self._is_filling = False
         self._list.selected.clear()
-        self._list.rows[:] = [{**line, 'rms': f'{line["rms"]:.3f}'} for line in runs.lines]
+        self._list.rows[:] = [{**line, **{f'{level}_icon': ICONS[line[level]] for level in (
+            'level', 'tolerance_level')}} for line in runs.lines]
         self._list.update()
         self._show()
 
@@ -155,7 +168,7 @@ class ArchivePanel:
         curves = view.less_earliest(curves) if less_first else curves
         drawn = [Curves(name, motions, COLOURS[place % len(COLOURS)]) for place, (name, motions) in enumerate(curves)]
         words = 'Six error motions less those of the earliest run' if less_first else 'Six error motions'
-        self._trend = None
+        self._points = []
         self._draw(f'{words}, with U (k = 2)', (words, self._runs.model, tuple(keys)), curves_figure, drawn)
         self._tables.show(lambda: None)
 
@@ -169,13 +182,29 @@ class ArchivePanel:
         view = importlib.import_module('rosette_ros.studio.archive_view')
         folder, model = self._folder.value.strip(), self._runs.model
         trend: TableTrend = await self._controller.ask('trend', view.table_trend, folder, table, model)
-        self._trend, history = trend, trend.history
+        history = trend.history
+        self._points = [list(zip(history.paths, history.runs, strict=True))] * len(CURVES)
         self._draw(f'Table {table or "without serial number"}: error motions over time, with U (k = 2); shaded: '
                    'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,
                    history.dates, history.range, history.U, history.tolerances,
                    [(event.earliest - 1, event.latest, {step.series.name[:3] for step in event.steps
                                                         if step.series.owner == 'table'}) for event in trend.events])
         self._tables.show(_fill, trend)
+
+    async def _draw_causes(self) -> None:
+        if self._runs is None:
+            return
+        chosen = self._list.selected or self._list.rows
+        view, keys = importlib.import_module('rosette_ros.studio.archive_view'), [one['key'] for one in chosen]
+        found: CausesOfRuns = await asyncio.to_thread(view.causes_of, self._folder.value.strip(), keys,
+                                                      self._runs.model)
+        dots = [(one.cause, one.run, one.probability, one.size) for one in found.dots]
+        self._points = [[found.runs[run][1:] for _, run, _, size in dots if (size is not None) == is_named]
+                        for is_named in (True, False)]
+        self._draw('Causes against runs: the area of a dot is the probability by its run alone, its colour the size; '
+                   'open: not named by the run', ('causes', self._runs.model, tuple(keys)), causes_figure,
+                   found.causes, [name for name, _, _ in found.runs], dots)
+        self._tables.show(_fill_causes, found)
 
     async def _show_plant(self) -> None:
         view = importlib.import_module('rosette_ros.studio.archive_view')
@@ -195,9 +224,8 @@ class ArchivePanel:
             await self._on_open(line['path'], line['run_id'])
 
     async def _point_clicked(self, trace: int, points: list[int]) -> None:
-        if self._trend is not None and points:
-            history = self._trend.history
-            await self._on_open(history.paths[points[0]], history.runs[points[0]])
+        if trace < len(self._points) and points:
+            await self._on_open(*self._points[trace][points[0]])
 
 
 def _fill(trend: 'TableTrend') -> None:
@@ -208,7 +236,13 @@ def _fill(trend: 'TableTrend') -> None:
         plain_table(table)
 
 
+def _fill_causes(found: 'CausesOfRuns') -> None:
+    """Say it where there is none."""
+    if not found.causes:
+        ui.label('No run has a cause with a probability above one half.')
+
+
 def _fill_plant(table: Table) -> None:
     ui.label(table.title).classes('title')
-    plain_table(table, [ICONS[level] for level in table.levels])
+    plain_table(table, [ICONS[level] for level in table.levels], table.levels)
     ui.label(table.note)

@@ -115,7 +115,7 @@ class VerdictPanel:
 
     def _show_causes(self, verdict: Verdict | None) -> None:
         if verdict and verdict.missing:
-            widgets.plain_table(causes(verdict))
+            widgets.plain_table(causes(verdict), as_cards=True)
 
 
 class CandidatesPanel:

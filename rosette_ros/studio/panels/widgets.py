@@ -129,19 +129,24 @@ def fact_list(table: Table) -> None:
                 ui.label(glued(text))
 
 
-def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
-    """Show a table; icons: one in front of each row."""
+def plain_table(table: Table, icons: Sequence[str] = (), levels: Sequence[str] = (), as_cards: bool = False) -> None:
+    """Show a table; icons: one in front of each row; levels: their colours; as_cards: a row is a card on a telephone.
+    """
+    looks = 'plain-table as-cards' if as_cards else 'plain-table'
     with ui.element('div').classes('scroll'), \
-            ui.element('table').classes('plain-table').props(f'aria-label="{table.title}"'):
+            ui.element('table').classes(looks).props(f'aria-label="{table.title}"'):
         rows = [('th', [column.head for column in table.shown]), *(('td', row) for row in table.rows),
                 *(('th', row) for row in table.footer)]
         for place, (tag, row) in enumerate(rows):
-            with ui.element('tr'):
+            with ui.element('tr').classes('' if tag == 'td' else 'heads'):
                 if icons:
                     with ui.element(tag):
-                        ui.icon(icons[place - 1] if tag == 'td' else '').props('aria-hidden=true')
+                        ui.icon(icons[place - 1] if tag == 'td' else '').props('aria-hidden=true').classes(
+                            f'state {levels[place - 1]}' if levels and tag == 'td' else '')
                 for column, text in zip(table.shown, row, strict=True):
-                    with ui.element(tag).classes('number' if column.number else ''):
+                    with ui.element(tag).classes('number' if column.number else '') as cell:
+                        if as_cards and tag == 'td':
+                            cell.props(f'data-head="{column.head}"')
                         ui.label(glued(text))
 
 
