@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rosette_ros.core.diagnosis.recovered_shape import Shape, strongest
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.run.geometry import TWO_PI, nominal_angles, rotate_z
@@ -23,6 +24,7 @@ from rosette_ros.core.run.scheme import cmm_position, nominal_places
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.presentation.formatting import curve_scales, curve_units, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
+from rosette_ros.presentation.plots.residual_plots import MOST_CURVES, UNITS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
 from rosette_ros.presentation.tables import noise_of
 from rosette_ros.studio.live_state import CellView, ReadingPlace
@@ -111,6 +113,34 @@ def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, to
                 'type': 'line', 'xref': f'{x} domain', 'yref': y, 'x0': 0, 'x1': 1, 'y0': limit, 'y1': limit,
                 'line': {'color': BEFORE, 'width': 1.5, 'dash': 'dash'}})
     return figure_of(data, layout)
+
+
+def shape_figure(shape: Shape) -> PlotlyFigure:
+    """Return what was recovered of a shape with its band of U (k = 2), and the claim beside it; a panel for each axis,
+    one below the other."""
+    unit, factor = UNITS.get(shape.unit, (shape.unit, 1.0))
+    curves = strongest(shape, MOST_CURVES)
+    data, layout = [], _panels(len(curves), 1, gap=(0.0, 0.16), legend=True, margin={'l': 44, 't': 44, 'b': 36})
+    for place, curve in enumerate(curves, 1):
+        x, value = factor * shape.values, 1e6 * curve.value
+        data.append({**band_trace(x, value, COVERAGE_FACTOR * 1e6 * curve.u, AFTER), **_axes(place)})
+        for name, line, colour, dash in (('recovered', value, AFTER, 'solid'), (
+                'claimed', None if curve.claimed is None else 1e6 * curve.claimed, BEFORE, 'dash')):
+            if line is not None:
+                data.append({'type': 'scatter', 'mode': 'lines', 'x': packed(x), 'y': packed(line), 'name': name,
+                             'legendgroup': name, 'showlegend': place == 1, 'line': {'color': colour, 'width': 2,
+                                                                                    'dash': dash},
+                             'hovertemplate': f'{curve.axis} %{{y:.3f}} µm<extra>{name}</extra>', **_axes(place)})
+        times = f' × {curve.carrier}' if curve.carrier else ''
+        below = {'title': {'text': f'{shape.variable} / {unit}'}} if place == len(curves) else {'showticklabels': False}
+        _set_panel(layout, place, below, {'zeroline': True, 'nticks': 4},
+                   f'<b>{curve.axis}</b> / µm{times}')
+    return figure_of(data, layout)
+
+
+def shape_height(shape: Shape) -> int:
+    """Return the height of `shape_figure`, px."""
+    return 80 + 95 * len(strongest(shape, MOST_CURVES))
 
 
 def causes_figure(causes: Sequence[str], runs: Sequence[str], dots: Sequence[tuple[int, int, float, float | None]]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse
+from rosette_ros.core.diagnosis.recovered_shape import Shape, ShapeCurve
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase, Target
 from rosette_ros.presentation.formatting import signed
@@ -21,12 +22,15 @@ from rosette_ros.studio.figures import (
     MOST_MARKS,
     OPEN,
     Curves,
+    causes_figure,
     curves_figure,
     filling_figure,
     maps_figure,
     plan_view_figure,
     reading_in_map,
     reading_in_time,
+    shape_figure,
+    shape_height,
     time_figure,
 )
 from rosette_ros.studio.live_state import CellView, ReadingPlace
@@ -180,3 +184,23 @@ def test_ball_centres_fill_the_map_as_they_are_received():
 def test_names_of_uploads_mean_nothing_to_the_system(name, kept):
     """Only their last part is kept, without what could be taken for more."""
     assert safe_name(name) == kept
+
+
+def test_a_shape_has_a_panel_for_each_axis():
+    """All of them below each other, with the band of U and the claim; the legend is there once."""
+    at = np.linspace(0, 600, 5)
+    curves = tuple(ShapeCurve(axis, '', 1e-6 * at / 600, np.full(5, 1e-7), 1e-6 * at / 600) for axis in 'xyz')
+    shape = Shape('free', {}, 'a drift', 'frame_drift', 'time', 's', at, curves)
+    figure = shape_figure(shape)
+    assert [one['text'] for one in figure['layout']['annotations']] == [f'<b>{axis}</b> / µm' for axis in 'xyz']
+    assert [one['name'] for one in figure['data'] if one['showlegend']] == ['recovered', 'claimed']
+    assert len(figure['data']) == 9 and shape_height(shape) > 300
+
+
+def test_causes_stand_against_runs_by_probability_and_size():
+    """The area of a dot is the probability; those that a run does not name are a trace of their own, open."""
+    figure = causes_figure(['drift', 'backlash'], ['a', 'b'], [(0, 0, 1.0, 0.5), (0, 1, 0.25, None), (1, 1, 0.81, 2.0)])
+    named, others = figure['data']
+    assert (named['x'], named['y'], named['marker']['color']) == ([0, 1], [0, 1], [0.5, 2.0])
+    assert np.square(named['marker']['size']) / named['marker']['size'][0]**2 == pytest.approx([1.0, 0.81])
+    assert others['text'] == ['b<br>drift<br>probability 25 %; not named by this run']

@@ -18,8 +18,8 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.presentation.formatting import duration, glued, micro
 from rosette_ros.presentation.identity_words import SIMULATED
-from rosette_ros.presentation.plots.residual_plots import shapes
 from rosette_ros.studio.controller import Controller
+from rosette_ros.studio.figures import shape_figure, shape_height
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
@@ -201,7 +201,7 @@ def _draw_shape(shape: Shape) -> None:
     """Show what was recovered of a shape, with its band, beside the claim."""
     words = f'Course that the readings show against {shape.variable}' + (
         ', and that of the effect found' if shape.claim else '')
-    widgets.Figure(0, words, 'shape-figure').draw((shape,), shapes, [shape])
+    widgets.Figure(shape_height(shape), words, 'shape-figure').draw((shape,), shape_figure, shape)
 
 
 class CrossCheckPanel:
