@@ -9,19 +9,23 @@ from html import unescape
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from lxml import etree
 from test_one_verdict import KINDS, studio_words
 
-from rosette_ros.analysis import Which, result, summarise
+from rosette_ros.analysis import RunResult, Which, result, summarise
 from rosette_ros.certificate.dcc import DCC, SI, to_xml
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.cli.main import main
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.records import CURVES, SI_UNITS
 from rosette_ros.core.uncertainty.error_summary import peak_to_valley
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.io.open_run import open_run
+from rosette_ros.nodes.conversions import error_motions_message
+from rosette_ros.nodes.evaluation import ModelInUse
 from rosette_ros.presentation.error_results import errors_of
 from rosette_ros.presentation.report.run_page import report_html
 
@@ -108,6 +112,17 @@ def test_every_interface_gives_one_result(run_file, rosette, tmp_path):
     document = etree.fromstring(to_xml(state([path], Inputs(parse_identity(IDENTITY.encode()), '2026-11-30'))))
     np.testing.assert_allclose([of_dcc(document, curve) for curve in CURVES], np.transpose([ranges, expanded]),
                                rtol=1e-6)
+
+    in_use = ModelInUse(Model())
+    fitted = in_use.evaluate(open_run(path))
+    message = error_motions_message(RunResult(fitted, in_use.diagnose()[1]), Time(), 'table')
+    assert message.which == found.curves.which
+    for of, wanted in ((message, found.curves), (message.modelled, found.modelled)):
+        assert list(of.range) == [line.range for line in wanted.lines()]
+        assert list(of.expanded_range) == [line.expanded for line in wanted.lines()]
+        for curve in CURVES:
+            assert np.array_equal(getattr(of, curve), wanted.motions[curve])
+            assert np.array_equal(getattr(of, f'u_{curve}'), wanted.motions.uncertainty(curve))
 
     assert rosette('correct', path, '-o', tmp_path / 'table.yaml')[0] == 0
     correction = read_correction(tmp_path / 'table.yaml')[0].forward

@@ -52,8 +52,9 @@ _LOG_TOLD = 3.0  # a recorder tells the log that it writes within this time, s
 
 @dataclass(frozen=True, eq=False)
 class CalibrationOutcome:
-    """How a calibration has ended; error_motions: None without success; verdict: of the diagnosis of the run, None
-    where there was none; is_joint: whether the run was evaluated as one with others."""
+    """How a calibration has ended; error_motions: the result, None without success; verdict: of the diagnosis of the
+    run, None where there was none; is_joint: whether the run was evaluated as one with others; which: of the curves
+    the result is."""
 
     success: bool
     cancelled: bool
@@ -63,6 +64,7 @@ class CalibrationOutcome:
     error_motions: ErrorMotions | None
     verdict: VerdictText | None = None
     is_joint: bool = False
+    which: str = ''
 
 
 class GraphClient:
@@ -225,8 +227,7 @@ class CellClient(GraphClient):
         motions = self._motions
         outcome = CalibrationOutcome(True, False, f'{self._done_words}; the sequencer ended before it said so',
                                      self._run_id, self._spin_until(self._log, _LOG_TOLD), None)
-        return outcome if motions.run_id != self._run_id else replace(
-            outcome, error_motions=conversions.error_motions_record(motions), verdict=verdict_of(motions))
+        return outcome if motions.run_id != self._run_id else _with_motions(outcome, motions)
 
     def _log(self) -> Path | None:
         """Return the log of the run, None where its recorder does not tell it."""
@@ -332,8 +333,13 @@ class HangDetector(GraphClient):
 def outcome_of(response: Any) -> CalibrationOutcome:
     """Return the CalibrationOutcome of a calibrate result with its status."""
     result = response.result
-    motions = conversions.error_motions_record(result.error_motions) if result.success else None
-    return CalibrationOutcome(result.success, response.status == GoalStatus.STATUS_CANCELED, result.message,
-                              result.run_id, Path(result.log) if result.log else None, motions,
-                              verdict_of(result.error_motions) if result.success else None,
-                              is_joint=bool(result.joint_evaluation.run_ids))
+    ended = CalibrationOutcome(
+        result.success, response.status == GoalStatus.STATUS_CANCELED, result.message, result.run_id,
+        Path(result.log) if result.log else None, None, is_joint=bool(result.joint_evaluation.run_ids))
+    return _with_motions(ended, result.error_motions) if result.success else ended
+
+
+def _with_motions(outcome: CalibrationOutcome, message: ErrorMotionsMessage) -> CalibrationOutcome:
+    """Return an outcome with the result and the verdict in a message."""
+    published = conversions.published_motions(message)
+    return replace(outcome, error_motions=published.motions, which=published.which, verdict=verdict_of(message))

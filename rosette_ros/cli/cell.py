@@ -248,7 +248,7 @@ def run_calibrate(options: argparse.Namespace) -> None:
             **{field: getattr(options, field) for field in (*AS_CONFIGURED, 'cmm_positions', 'balls_in_use')})
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')
-    print_parts(out, [curves(outcome.error_motions) if outcome.error_motions else None])
+    print_parts(out, [curves(outcome.error_motions, outcome.which) if outcome.error_motions else None])
     lacks_joint = options.joint_with and outcome.success and not outcome.is_joint
     if not lacks_joint:
         out.print(f'\n{escape(outcome.message)}', soft_wrap=True)

@@ -24,16 +24,17 @@ from rosette_ros.cell.client import GraphClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.arguments import add_shared, positive
 from rosette_ros.cli.console import console, print_table
+from rosette_ros.core.diagnosis.run_result import Which
 from rosette_ros.core.run.errors import CellError, InvalidData, plain
 from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.log_reader import LoggedMessage, iter_log, read_log
-from rosette_ros.io.log_run import BALL_CENTRE, PROBE_TARGET, LogRun
+from rosette_ros.io.log_run import BALL_CENTRE, PROBE_TARGET, LogRun, PublishedMotions
 from rosette_ros.io.messages import Target, answer_of, target_of
 from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import names, qos
-from rosette_ros.nodes.conversions import error_motions_record, qos_profile, run_message
+from rosette_ros.nodes.conversions import published_motions, qos_profile, run_message
 from rosette_ros.nodes.interfaces import decoded, interface_class
 from rosette_ros.presentation.tables import curves
 
@@ -73,7 +74,7 @@ def run(options: argparse.Namespace) -> None:
                                     'middleware, or a firewall on the loopback interface?')
                 found = replay(player, options, log, expected)
                 cell.check()
-    differ = [show(out, run_id, error_motions_record(found[run_id]), wanted) for run_id, wanted in expected.items()]
+    differ = [show(out, run_id, published_motions(found[run_id]), wanted) for run_id, wanted in expected.items()]
     if any(differ):
         raise InvalidData(f'{options.log}: expected the expected error motions, found others; another version of the '
                           'software, or another model?')
@@ -85,11 +86,14 @@ def run(options: argparse.Namespace) -> None:
 
 
 class Expected(NamedTuple):
-    """The curves expected of one run, their source, and whether u is, too: no message has an imported one."""
+    """The curves expected of one run as modelled, their source, and whether u is, too: no message has an imported one.
+
+    result: the result, None where it was not looked for what is missing, or a log is older than this."""
 
     motions: ErrorMotions
     source: str
     with_u: bool
+    result: ErrorMotions | None = None
 
 
 def expected_motions(log: LogRun) -> dict[str, Expected]:
@@ -97,7 +101,7 @@ def expected_motions(log: LogRun) -> dict[str, Expected]:
 
     Raises InvalidData where there is no run to evaluate.
     """
-    expected = {run_id: Expected(published.motions, 'in the log', True) for run_id in log.run_ids
+    expected = {run_id: Expected(published.modelled, 'in the log', True, published.judged) for run_id in log.run_ids
                 if (published := log.latest_error_motions(run_id))}
     if not expected and not log.states:
         run = log.to_run()
@@ -130,26 +134,28 @@ def replay(player: 'LogPlayer', options: argparse.Namespace, log: LogRun,
     return found
 
 
-def show(out: Console, run_id: str, got: ErrorMotions, expected: Expected) -> bool:
-    """Print the curves received; return whether they differ from those expected."""
+def show(out: Console, run_id: str, published: PublishedMotions, expected: Expected) -> bool:
+    """Print the curves received, the result where it is expected; return whether they differ from those expected."""
+    got, wanted, which = published.judged, expected.result, published.which
+    if got is None or wanted is None:
+        got, wanted, which = published.modelled, expected.motions, Which.MODELLED
     out.print(f'[bold]{escape(run_id)}[/]')
-    print_table(out, curves(got))
-    what = difference(got, expected)
+    print_table(out, curves(got, which))
+    what = difference(got, wanted, expected.with_u)
     parts = 'curves and uncertainties' if expected.with_u else 'curves'
     out.print(f'\n[red]{what} those {expected.source}[/]' if what else
               f'\n[green]{parts} equal to those {expected.source}, bit for bit[/]')
     return bool(what)
 
 
-def difference(got: ErrorMotions, expected: Expected) -> str:
-    """Return in words how the error motions received differ, empty: not by a bit."""
-    wanted = expected.motions
+def difference(got: ErrorMotions, wanted: ErrorMotions, with_u: bool) -> str:
+    """Return in words how the error motions received differ, with_u: or their u, empty: not by a bit."""
     if got.values.shape != wanted.values.shape or not np.array_equal(got.angle, wanted.angle):
         return 'other table angles than'
     if not np.array_equal(got.values, wanted.values):
         size = 1e6 * np.abs(got.values - wanted.values)
         return f'up to {size[:, :3].max():.2g} µm and {size[:, 3:].max():.2g} µrad off'
-    if expected.with_u and not np.array_equal(got.u, wanted.u):
+    if with_u and not np.array_equal(got.u, wanted.u):
         return 'other uncertainties than'
     return ''
 

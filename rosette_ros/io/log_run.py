@@ -45,22 +45,38 @@ MOST_SETTINGS = 16 << 20  # longest settings in a log, characters
 
 
 class PublishedMotions(NamedTuple):
-    """Error motions as the evaluator published them; rms: of the residual, m."""
+    """Error motions as the evaluator published them.
+
+    motions: the result; which: of the curves it is, '' in older logs, whose result is as modelled; modelled: those as
+    modelled; is_diagnosed: whether it was looked for what is missing; rms: of the residual as modelled, m."""
 
     run_id: str
     motions: ErrorMotions
+    which: str
+    modelled: ErrorMotions
+    is_diagnosed: bool
     model_name: str
     completeness: float
     rms: float
 
+    @property
+    def judged(self) -> ErrorMotions | None:
+        """The result where it is one of curves among which was chosen: it was looked for what is missing."""
+        return self.motions if self.which and self.is_diagnosed else None
+
     @staticmethod
     def of(message: Any) -> 'PublishedMotions':
         """Return those of an ErrorMotions message."""
-        motions = ErrorMotions.from_curves(message.angle, [getattr(message, curve) for curve in CURVES],
-                                           [getattr(message, f'u_{curve}') for curve in CURVES],
-                                           msg.rotation_of_motions(message))
-        return PublishedMotions(plain(message.run_id), motions, plain(message.model_name, 4000),
-                                float(message.completeness), float(message.residual_rms))
+        def curves(of: Any) -> ErrorMotions:
+            return ErrorMotions.from_curves(message.angle, [getattr(of, curve) for curve in CURVES],
+                                            [getattr(of, f'u_{curve}') for curve in CURVES], rotation)
+
+        rotation, which = msg.rotation_of_motions(message), plain(getattr(message, 'which', ''))
+        motions = curves(message)
+        return PublishedMotions(
+            plain(message.run_id), motions, which, curves(message.modelled) if which else motions,
+            bool(getattr(message, 'diagnosed', False)), plain(message.model_name, 4000), float(message.completeness),
+            float(message.residual_rms))
 
 
 RECORDS: dict[str, Callable[[Any], msg.Target | msg.Answer | msg.CalibrationProgress]] = {

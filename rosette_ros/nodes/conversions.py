@@ -32,6 +32,7 @@ from rosette_ros.words.verdict_words import noise_words, unexplained_words, verd
 if TYPE_CHECKING:  # a node that only passes messages on starts in half of the time without what makes these
     from rosette_ros.core.diagnosis import diagnosis as core
     from rosette_ros.core.diagnosis.cause import MissingEffect
+    from rosette_ros.core.diagnosis.run_result import RunCurves, RunResult
     from rosette_ros.core.model import model as core_model
     from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.dme.ball_probing import MeasuredBall
@@ -140,25 +141,38 @@ def _quaternion(frame: Frame) -> Quaternion:
     return Quaternion(**dict(zip('xyzw', map(float, frame.quaternion()), strict=True)))
 
 
-def error_motions_record(message: msg.ErrorMotions) -> records.ErrorMotions:
-    """Return the core record of an ErrorMotions message; raises InvalidData where its curves are no curves."""
+def published_motions(message: msg.ErrorMotions) -> PublishedMotions:
+    """Return what an ErrorMotions message states; raises InvalidData where its curves are no curves."""
     if not len(message.angle):
         raise InvalidData(f'error motions of run {message.run_id!r}: expected curves, found none')
-    return PublishedMotions.of(message).motions
+    return PublishedMotions.of(message)
 
 
-def error_motions_message(fit: 'Fit', stamp: Time, frame_id: str) -> msg.ErrorMotions:
-    """Return the ErrorMotions message of a fit; float64 on both sides, so it is exact."""
-    run, motions = fit.run, fit.error_motions
-    curves = {curve: motions[curve] for curve in records.CURVES}
-    uncertainties = {f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
+def curve_fields(motions: records.ErrorMotions) -> dict[str, records.Floats]:
+    """Return the fields of six curves and their standard uncertainties in a message; float64, so they are exact."""
+    return {curve: motions[curve] for curve in records.CURVES} | {
+        f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
+
+
+def error_motions_message(result: 'RunResult', stamp: Time, frame_id: str) -> msg.ErrorMotions:
+    """Return the ErrorMotions message of the result of a run."""
+    fit, run, motions = result.fit, result.fit.run, result.curves.motions
     orientation = (Quaternion(x=0.0, y=0.0, z=0.0, w=0.0) if motions.rotation is None else
                    _quaternion(Frame(motions.rotation, np.zeros(3))))
+    verdict = verdict_text(result.verdict) if result.verdict else None
+    said = {'outcome': str(verdict.outcome), 'verdict': verdict.sentence, 'action': verdict.action} if verdict else {}
     return msg.ErrorMotions(
         header=Header(stamp=stamp, frame_id=frame_id), orientation=orientation, run_id=run.run_id, balls=run.n,
         radius=float(run.radius), angle=motions.angle, model_name=str(fit.model), model_hash=fit.model.hash,
         residual_rms=float(fit.rms), sigma=float(fit.sigma), degrees_of_freedom=int(fit.dof), rank=int(fit.rank),
-        completeness=float(run.completeness), **curves, **uncertainties)
+        completeness=float(run.completeness), diagnosed=verdict is not None, which=str(result.curves.which),
+        modelled=msg.Curves(**_with_ranges(result.modelled)), **_with_ranges(result.curves), **said)
+
+
+def _with_ranges(curves: 'RunCurves') -> dict[str, Any]:
+    motions, lines = curves.lines_with()
+    return {**curve_fields(motions), 'range': [line.range for line in lines],
+            'expanded_range': [line.expanded for line in lines]}
 
 
 def qos_record(profile: QoSProfile) -> Qos:

@@ -20,10 +20,11 @@ from std_msgs.msg import Header
 from rosette_ros.analysis import MOST_BALLS_JUDGED
 from rosette_ros.calibration.commands import Until
 from rosette_ros.calibration.settings import UNTIL, Wanted, until_of
+from rosette_ros.core.diagnosis import diagnosis as core
+from rosette_ros.core.diagnosis.run_result import RunResult
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.sharing import ITEMS
-from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.next_readings import BLOCK
 from rosette_ros.core.run import records
 from rosette_ros.core.run.errors import InvalidModel, RosetteError, one_line, plain
@@ -127,7 +128,7 @@ class Evaluator(CellNode):
             self._report_failure(run_id, str(error))
             self.status.report(self._last)  # ends the run: it would wait in vain for error motions
             return
-        self._publish(fit, self._diagnose_after(fit.run))
+        self._publish(RunResult(fit, self._diagnose_after(fit.run)))
         doubts = ''.join(f'; {remark_words(one)}' for one in fit.run.remarks)
         self._level = WARN if doubts else OK
         self._last = plain(f'run {run_id} is evaluated, {fit.run.size} ball centres{doubts}', most=2000)
@@ -136,7 +137,7 @@ class Evaluator(CellNode):
         else:
             self.get_logger().info(self._last)
 
-    def _diagnose_after(self, run: Run) -> Diagnosis | None:
+    def _diagnose_after(self, run: Run) -> core.Diagnosis | None:
         """Publish and return the diagnosis of a run that was evaluated; None where it is not wanted or not possible."""
         if not self.parameters['diagnose_after_run']:
             return None
@@ -145,33 +146,32 @@ class Evaluator(CellNode):
                                    'called')
             return None
         try:
-            diagnosis = self._diagnose(run.run_id)
+            found, diagnosis = self._diagnose(run.run_id)
         except RosetteError as error:
             self.get_logger().warning(f'run {run.run_id} could not be diagnosed: {error}')
             return None
         self.get_logger().info(diagnosis.verdict)
-        return diagnosis
+        return found
 
-    def _publish(self, fit: Fit, diagnosis: Diagnosis | None) -> ErrorMotions:
+    def _publish(self, result: RunResult) -> ErrorMotions:
         """Publish model and error motions, and return these, which come last, since they end a run.
 
-        diagnosis: that is published already, None where none is."""
-        stamp = self.now().to_msg()
+        result: of a run whose diagnosis, where it has one, is published already."""
+        stamp, fit = self.now().to_msg(), result.fit
         model, motions = (conversions.model_message(fit.model, stamp, fit),
-                          conversions.error_motions_message(fit, stamp, TABLE_FRAME))
-        motions.diagnosed, motions.readings_hash = diagnosis is not None, self._in_use.readings_hash(fit.run.run_id)
-        if diagnosis is not None:
-            motions.outcome, motions.verdict, motions.action = diagnosis.outcome, diagnosis.verdict, diagnosis.action
+                          conversions.error_motions_message(result, stamp, TABLE_FRAME))
+        motions.readings_hash = self._in_use.readings_hash(fit.run.run_id)
         self.say(self._model_out, model)
         self.say(self._motions_out, motions)
         return motions
 
-    def _diagnose(self, run_id: str = '') -> Diagnosis:
-        run, diagnosis = self._in_use.diagnose(run_id)
-        message = conversions.diagnosis_message(run, diagnosis, self.now().to_msg())
+    def _diagnose(self, run_id: str = '') -> tuple[core.Diagnosis, Diagnosis]:
+        """Return what is missing, and the message that was published of it."""
+        run, found = self._in_use.diagnose(run_id)
+        message = conversions.diagnosis_message(run, found, self.now().to_msg())
         message.readings_hash = self._in_use.readings_hash(run.run_id)
         self.say(self._diagnosis_out, message)
-        return message
+        return found, message
 
     def _report_failure(self, run_id: str, reason: str) -> None:
         self._level, self._last = ERROR, plain(
@@ -182,7 +182,7 @@ class Evaluator(CellNode):
 
     @_callback_of(names.DIAGNOSE)
     def _on_diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> None:
-        response.diagnosis = self._diagnose(request.run_id)
+        _, response.diagnosis = self._diagnose(request.run_id)
         response.message = response.diagnosis.verdict
 
     @_callback_of(names.NEXT_READINGS)
@@ -218,12 +218,12 @@ class Evaluator(CellNode):
         stamp = self.now().to_msg()
         response.before = conversions.model_message(change.model_before, stamp, change.before)
         response.after = conversions.model_message(change.after.model, stamp, change.after)
-        response.message, diagnosis = change.sentence, None
+        response.message, found = change.sentence, None
         try:
-            diagnosis = self._diagnose(change.run.run_id)
+            found, _ = self._diagnose(change.run.run_id)
         except RosetteError as error:
             response.message += f'; not diagnosed: {error}'
-        response.error_motions = self._publish(change.after, diagnosis)
+        response.error_motions = self._publish(RunResult(change.after, found))
         self.get_logger().info(response.message)
 
     def health(self) -> Health:
@@ -283,9 +283,8 @@ def joint_message(result: JointResult, stamp: Time, frame_id: str) -> msg.JointE
 def joint_curves(motions: records.ErrorMotions, table: str, sense: int = 0, p: float = math.nan,
                  **means: list[float]) -> msg.JointCurves:
     """Return the JointCurves message of curves; means: of a reversal."""
-    curves = {curve: motions[curve] for curve in records.CURVES}
-    uncertainties = {f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
-    return msg.JointCurves(table=table, sense=sense, angle=motions.angle, p=p, **curves, **uncertainties, **means)
+    return msg.JointCurves(table=table, sense=sense, angle=motions.angle, p=p, **conversions.curve_fields(motions),
+                           **means)
 
 
 main = partial(run_node, names.EVALUATOR, Evaluator)

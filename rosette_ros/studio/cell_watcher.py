@@ -126,7 +126,7 @@ class CellWatcher(GraphClient):
                 for frame in filter(None, map(table_frame_of, message.transforms)):
                     state.add_frame(frame)
             case ErrorMotions():
-                state.set_motions(message.run_id, conversions.error_motions_record(message))
+                state.set_motions(conversions.published_motions(message))
             case Diagnosis():
                 state.set_verdict(message.run_id, verdict_of(message))
             case Log() if message.level >= LoggingSeverity.WARN and names.is_of_cell(message.name, self._where):

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.run.errors import plain
-from rosette_ros.core.run.records import ErrorMotions, Run
+from rosette_ros.core.run.records import Run
+from rosette_ros.io.log_run import PublishedMotions
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, TableFrame, Target
 from rosette_ros.io.run_answers import RunAnswers
 from rosette_ros.io.run_assembly import RunAssembly
@@ -76,7 +77,7 @@ class CellState:
 
     def __init__(self) -> None:
         self.progress = CalibrationProgress()
-        self.motions: ErrorMotions | None = None
+        self.motions: PublishedMotions | None = None
         self.verdict: VerdictText | None = None
         self.faults: deque[Fault] = deque(maxlen=30)
         self.frames: list[TableFrame] = []
@@ -111,10 +112,10 @@ class CellState:
         self.frames.append(frame)
         del self.frames[:-100]
 
-    def set_motions(self, run_id: str, motions: ErrorMotions) -> None:
+    def set_motions(self, published: PublishedMotions) -> None:
         """Take the curves of the evaluator."""
-        if run_id == self.run_id or not self.run_id:
-            self.motions = motions
+        if published.run_id == self.run_id or not self.run_id:
+            self.motions = published
 
     def set_verdict(self, run_id: str, verdict: VerdictText | None) -> None:
         """Take the verdict of the evaluator."""

@@ -69,11 +69,12 @@ def demo(tmp_path_factory, module_domain_id):
 
 
 def published(log):
-    """Return the evaluation's keys with what the evaluator published in a log."""
-    motions = read_log(log).latest_error_motions().motions
+    """Return the evaluation's keys with what the evaluator published in a log: curves and u, result and as modelled."""
+    found = read_log(log).latest_error_motions()
     keys = {curve: f'{curve}_{"m" if curve.startswith("ct") else "rad"}' for curve in CURVES}
-    return ({keys[curve]: motions[curve].tolist() for curve in CURVES},
-            {keys[curve]: motions.uncertainty(curve).tolist() for curve in CURVES})
+    return [({keys[curve]: motions[curve].tolist() for curve in CURVES},
+             {keys[curve]: motions.uncertainty(curve).tolist() for curve in CURVES})
+            for motions in (found.motions, found.modelled)]
 
 
 def test_demo_prints_every_part(demo):
@@ -130,9 +131,11 @@ def test_demo_agrees_with_the_truth(demo):
 def test_evaluate_equals_what_was_published_bit_for_bit(demo, rosette):
     """Offline and online are one calculation."""
     got = json.loads(rosette('evaluate', demo.log, '--json').out)
-    curves, u = published(demo.log)
-    assert {key: got[key] for key in curves} == curves
-    assert got['u'] == u
+    (curves, u), (modelled, u_modelled) = published(demo.log)
+    assert {key: got['result'][key] for key in curves} == curves
+    assert got['result']['U'] == {key: [2 * one for one in values] for key, values in u.items()}
+    assert {key: got[key] for key in modelled} == modelled
+    assert got['u'] == u_modelled
 
 
 def test_info_counts_every_phase(demo, rosette):

@@ -2,15 +2,20 @@
 """rosette replay: what it expects, and how it reports a difference."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rosette_ros.cli.replay import Expected, LogPlayer, difference, expected_motions
+from rosette_ros.cli.console import console
+from rosette_ros.cli.replay import LogPlayer, difference, expected_motions, show
 from rosette_ros.core.run.errors import CellError, InvalidData
 from rosette_ros.core.run.geometry import nominal_angles
 from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.log_run import LogRun, PublishedMotions
+from rosette_ros.io.messages import Phase, Target
+from rosette_ros.io.run_answers import RunAnswers
 
 
 @pytest.fixture
@@ -22,24 +27,42 @@ def motions():
 
 def test_equal_is_equal_to_the_last_bit(motions):
     """And one bit is a difference."""
-    assert difference(motions, Expected(motions, 'in the log', True)) == ''
+    assert difference(motions, motions, True) == ''
     values = motions.values.copy()
     values[3, 1] = np.nextafter(values[3, 1], 1)
     changed = ErrorMotions(motions.angle, values, motions.u)
-    assert 'µm and 0 µrad off' in difference(changed, Expected(motions, 'in the log', True))
+    assert 'µm and 0 µrad off' in difference(changed, motions, True)
 
 
 def test_uncertainties_count_where_the_graph_can_know_them(motions):
     """The repeatability of an imported table does not travel."""
     other = ErrorMotions(motions.angle, motions.values, 2 * motions.u)
-    assert difference(other, Expected(motions, 'in the log', True)) == 'other uncertainties than'
-    assert difference(other, Expected(motions, 'of rosette evaluate', False)) == ''
+    assert difference(other, motions, True) == 'other uncertainties than'
+    assert difference(other, motions, False) == ''
 
 
 def test_other_angles_are_reported_first(motions):
     """Curves at other angles cannot be compared."""
     other = ErrorMotions(motions.angle + 1e-9, motions.values, motions.u)
-    assert difference(other, Expected(motions, 'in the log', True)) == 'other table angles than'
+    assert difference(other, motions, True) == 'other table angles than'
+
+
+@pytest.mark.parametrize(('logged', 'diagnosed', 'same'), [
+    ('all explanations averaged', True, 'result'), ('as modelled', False, 'modelled'), ('', True, 'modelled')])
+def test_the_result_is_compared_where_the_log_has_one(motions, logged, diagnosed, same, capsys):
+    """Else the curves as modelled: of a log from before, or of a run in which nothing was looked for."""
+    other = ErrorMotions(motions.angle, 2 * motions.values, motions.u)
+    published = PublishedMotions('r', other if logged == 'all explanations averaged' else motions, logged, motions,
+                                 diagnosed, 'base', 1.0, 1e-7)
+    log = LogRun(Path('log'), (), {'r': RunAnswers('r')}, error_motions=[published])
+    log.runs['r'].add_target(Target('r', 1, 1, 1, Phase.RUN, 6, 0.1, 1, 1, 1, 0.0, 0, (0.0, 0.0, 0.0), 'table', 0))
+    [expected] = expected_motions(log).values()
+    now = PublishedMotions('r', other, 'all explanations averaged', motions, True, 'base', 1.0, 1e-7)
+    assert not show(console(), 'r', now, expected)
+    assert (now.which if same == 'result' else 'as modelled') in capsys.readouterr().out
+    changed = now._replace(**{'motions' if same == 'result' else 'modelled': ErrorMotions(
+        motions.angle, 3 * motions.values, motions.u)})
+    assert show(console(), 'r', changed, expected)
 
 
 def test_an_imported_table_is_expected_as_evaluated(rosette, make_table, tmp_path):
@@ -61,7 +84,7 @@ def test_an_incomplete_import_cannot_be_replayed(rosette, make_table, tmp_path):
     """Too little for an evaluation: reported before anything is published."""
     table = make_table(edit=lambda lines: ['# balls: 6', *lines[:15]])
     rosette('import', table, '-o', tmp_path / 'log')
-    with pytest.raises(InvalidData, match='expected all 36 ball centres, .* got 10; try rosette'):
+    with pytest.raises(InvalidData, match='expected all 36 ball centres, .* found 10; try rosette evaluate'):
         expected_motions(read_log(tmp_path / 'log'))
 
 

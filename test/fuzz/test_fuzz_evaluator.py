@@ -58,7 +58,7 @@ class MuteEvaluator(Mute, Evaluator):
     def _diagnose(self, run_id=''):
         """Find the run; a diagnosis takes its time, and says nothing of the request."""
         self._in_use.run(run_id)
-        return Diagnosis()
+        return None, Diagnosis()
 
 
 def run_of(said):

@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from rosette_msgs.msg import ErrorMotions, Run, RunState
 
-from rosette_ros.analysis import analyse
+from rosette_ros.analysis import analyse, result
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.run.errors import CellError
 from rosette_ros.core.run.records import remove_gauge
@@ -113,12 +113,12 @@ def test_log_gives_the_published_numbers_bit_for_bit(calibrated):
     """Offline evaluation of the log, the message in the log and the result of the action agree."""
     outcome = calibrated[0]
     log = read_log(outcome.log)
-    offline = analyse(log.to_run())
+    offline = result(log.to_run())
     published = log.latest_error_motions()
-    assert np.array_equal(published.motions.values, offline.error_motions.values)
-    assert np.array_equal(published.motions.u, offline.error_motions.u)
-    assert np.array_equal(outcome.error_motions.values, offline.error_motions.values)
-    assert np.array_equal(outcome.error_motions.u, offline.error_motions.u)
+    for got, wanted in ((published.motions, offline.curves), (outcome.error_motions, offline.curves),
+                        (published.modelled, offline.modelled)):
+        assert np.array_equal(got.values, wanted.motions.values) and np.array_equal(got.u, wanted.motions.u)
+    assert published.which == outcome.which == offline.curves.which
     assert (published.run_id, published.completeness) == (outcome.run_id, 1.0)
     assert log.problems == ()
     assert log.run_ids == (outcome.run_id,)

@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosette_msgs.msg import BallCentre, ErrorMotions, Model
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.analysis import analyse
+from rosette_ros.analysis import RunResult, analyse, result
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.core.model.model import Model as CoreModel
 from rosette_ros.core.run.errors import InvalidData
@@ -117,11 +117,22 @@ def fit():
     return analyse(Machine(MachineConfig().changed(plate={'balls': 4})).run(plan(4), run_id='r1'))
 
 
+@pytest.fixture(scope='module')
+def hidden():
+    """Return the result of a run whose machine drifts, which the model lacks."""
+    machine = Machine(MachineConfig().changed(plate={'balls': 6}, hidden=[
+        {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]))
+    return result(machine.run(plan(6, 'random', 1), run_id='r2'))
+
+
 def test_error_motions_survive_bit_for_bit(fit):
     """The published curves are the calculated ones."""
-    message = over_the_wire(conversions.error_motions_message(fit, STAMP, 'table'))
+    message = over_the_wire(conversions.error_motions_message(RunResult(fit), STAMP, 'table'))
     assert isinstance(message, ErrorMotions)
-    back = conversions.error_motions_record(message)
+    published = conversions.published_motions(message)
+    back = published.motions
+    assert (message.diagnosed, message.outcome, published.which, published.judged) == (False, '', 'as modelled', None)
+    assert np.array_equal(published.modelled.values, back.values)
     assert np.array_equal(back.values, fit.error_motions.values)
     assert np.array_equal(back.u, fit.error_motions.u)
     assert np.array_equal(back.angle, fit.error_motions.angle)
@@ -131,6 +142,22 @@ def test_error_motions_survive_bit_for_bit(fit):
     assert message.sigma == fit.sigma
     assert message.model_hash == fit.model.hash
     assert message.completeness == 1.0
+
+
+def test_the_result_is_published_and_the_fit_as_modelled_beside_it(hidden):
+    """Bit for bit; ranges with U are those of the result, and what the fit is said to be is that of the model."""
+    message = over_the_wire(conversions.error_motions_message(hidden, STAMP, 'table'))
+    published = conversions.published_motions(message)
+    assert (message.diagnosed, message.which, message.outcome) == (
+        True, 'all explanations averaged', hidden.verdict.outcome)
+    for got, of, wanted in ((published.judged, message, hidden.curves),
+                            (published.modelled, message.modelled, hidden.beside)):
+        assert np.array_equal(got.values, wanted.motions.values) and np.array_equal(got.u, wanted.motions.u)
+        lines = wanted.lines()
+        assert list(of.range) == [line.range for line in lines]
+        assert list(of.expanded_range) == [line.expanded for line in lines]
+    assert not np.array_equal(published.modelled.values, published.judged.values)
+    assert (message.residual_rms, message.model_hash) == (hidden.fit.rms, hidden.fit.model.hash)
 
 
 def test_model_message_before_and_after_a_fit(fit):

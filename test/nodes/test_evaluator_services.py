@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message
 from rosette_msgs.msg import Block, Diagnosis, ErrorMotions
 from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, NextReadings, RemoveEffect
 
-from rosette_ros.analysis import analyse, diagnose, evaluate_jointly
+from rosette_ros.analysis import Which, analyse, diagnose, evaluate_jointly, result
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.next_readings import next_readings
@@ -111,7 +111,14 @@ def test_the_log_of_a_run_holds_its_diagnosis(calibrated):
     motions = deserialize_message(messages_of(calibrated.log, 'error_motions')[0], ErrorMotions)
     assert motions.diagnosed
     assert verdict_of(motions) == verdict_of(message) == calibrated.verdict
-    offline = diagnose(read_log(calibrated.log).to_run())
+    run = read_log(calibrated.log).to_run()
+    found = result(run)
+    assert motions.which == calibrated.which == found.curves.which == Which.AVERAGED
+    assert np.array_equal(calibrated.error_motions.values, found.curves.motions.values)
+    assert np.array_equal(calibrated.error_motions.u, found.curves.motions.u)
+    assert list(motions.range) == [line.range for line in found.curves.lines()]
+    assert np.array_equal(motions.modelled.ctx, analyse(run).error_motions['ctx'])
+    offline = diagnose(run)
     assert offline.missing == ('frame_drift',)
     assert message.run_id == calibrated.run_id
     assert message.missing == ['frame_drift']
@@ -133,9 +140,10 @@ def test_a_joint_evaluation_is_answered_and_published(calibrated, ask, wait_unti
     ((_, motions),) = offline.curves
     assert np.array_equal(got.curves[0].ctx, motions['ctx'])
     assert np.array_equal(got.curves[0].u_crz, motions.uncertainty('crz'))
-    assert (list(got.run_ids), got.rank, got.hidden_in_curves) == ([calibrated.run_id], 12 * N - 13, 10)
+    assert (list(got.run_ids), got.rank, got.hidden_in_curves) == (
+        [calibrated.run_id], 12 * N - 13 + 3, 10), 'the drift that the run shows has a rate along each axis'
     assert list(got.not_known) == list(part_words(offline.knowledge.hidden))
-    assert (got.level, answer.message) == ('bad', got.verdict)
+    assert (got.level, answer.message) == ('good', got.verdict), 'with the drift the model fits'
     wait_until(lambda: ask.heard['joint_evaluation'])
     refused = [ask('evaluate_jointly', **request).message for request in (
         {'table': ['a', 'b']}, {'seat': 'flat'}, {'run_ids': ['another']}, {'run_ids': [calibrated.run_id] * 2})]
@@ -176,13 +184,14 @@ def test_adding_the_effect_changes_model_and_curves(answers, calibrated):
     answer = answers[1]
     assert answer.success, answer.message
     model = Model().with_effect('frame_drift')
-    offline = analyse(read_log(calibrated.log).to_run(), model)
+    offline = result(read_log(calibrated.log).to_run(), model)
     assert answer.before.effects == []
     assert [effect.name for effect in answer.after.effects] == ['frame_drift']
     assert answer.after.hash == model.hash
-    assert answer.after.residual_rms == offline.rms < 0.5 * answer.before.residual_rms
-    assert np.array_equal(answer.error_motions.ctx, offline.error_motions['ctx'])
-    assert np.array_equal(answer.error_motions.u_crz, offline.error_motions.uncertainty('crz'))
+    assert answer.after.residual_rms == offline.fit.rms < 0.5 * answer.before.residual_rms
+    assert answer.error_motions.which == offline.curves.which == Which.MODELLED
+    assert np.array_equal(answer.error_motions.ctx, offline.curves.motions['ctx'])
+    assert np.array_equal(answer.error_motions.u_crz, offline.curves.motions.uncertainty('crz'))
     assert answers[2].diagnosis.missing == []
     assert verdict_of(answer.error_motions) == verdict_of(answers[2].diagnosis), 'the curves carry their verdict'
     assert answers[2].diagnosis.model_hash == model.hash

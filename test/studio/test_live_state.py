@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is received of a cell, from plain values: in whatever order it arrives."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -79,10 +81,10 @@ def test_a_new_run_replaces_the_old_one():
             state.add_target(target)
             state.add_answer(answer)
         assert (state.run_id, len(state.cells), state.motions, state.verdict) == (run_id, 3, None, None)
-        state.set_motions(run_id, object())
+        state.set_motions(SimpleNamespace(run_id=run_id))
         state.set_verdict(run_id, object())
-        state.set_motions('another', None)
-        assert state.motions is not None
+        state.set_motions(SimpleNamespace(run_id='another'))
+        assert state.motions.run_id == run_id
     state.add_answer(messages(run_id='d')[2][3])
     assert (state.run_id, len(state.cells)) == ('e', 3)
 

@@ -150,7 +150,8 @@ class CellPanel:
         if cells:
             self._filling.draw((run_id, len(cells)), filling_figure, balls, cells)
         if motions is not None:
-            self._show_curves(motions, f'Result of run {run_id}.' if run_id else 'Result of the last run.')
+            which = f', {motions.which}' if motions.which else ''
+            self._show_curves(motions.motions, f'Result of {f"run {run_id}" if run_id else "the last run"}{which}.')
         elif run_id != self._curves_run:
             self._show_curves(None, f'No ball centre of run {run_id} yet.')
         if motions is None:
