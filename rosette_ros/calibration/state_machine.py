@@ -40,7 +40,6 @@ from rosette_ros.words.settling_words import settled_words, settling_words
 
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
-PAUSE = 'the plan has a pause here, resume the run after it'
 LONGEST_SHARE = 2
 """Waits of a block may last so many times as long as the run has taken."""
 
@@ -76,7 +75,7 @@ class Sequence:
     """The state of one calibration; every step takes the steady time `now`, s, and returns the commands that follow.
 
     Good answers of an earlier part of the run are taken, and only the rest is asked. `answers` holds all that was asked
-    and received, as the log does."""
+    and received, as the log does; is_paused: whether the run has ended where its plan has a pause, to be resumed."""
 
     def __init__(self, run_id: str, plan: CalibrationPlan, limits: Limits, earlier: RunAnswers | None = None,
                  verifies: bool = False, until: Until | None = None) -> None:
@@ -87,7 +86,7 @@ class Sequence:
         self.run_id, self.plan, self.limits, self.verifies = run_id, plan, limits, verifies
         self.until, self.is_settling, self.open = until, until is not None, ''
         self.answers = earlier or RunAnswers(run_id)
-        self.phase, self.text = Phase.IDLE, 'ready'
+        self.phase, self.text, self.is_paused = Phase.IDLE, 'ready', False
         self.skipped: list[Target] = []
         self.session = self.answers.session + 1
         self._asked: Target | None = None
@@ -336,8 +335,10 @@ class Sequence:
             if known is None or before is None or complaint(known, self._placed(target, 1), self.limits):
                 planned, now_planned = self._planned_session, int(self.plan.session[target.seq - 1])
                 if 0 < planned < now_planned:
-                    return (*commands, *self._finish(Phase.CANCELLED, f'session {planned} of '
-                                                     f'{self.plan.session[-1]} of the plan is measured; {PAUSE}'))
+                    self.is_paused = True
+                    return (*commands, *self._finish(
+                        Phase.CANCELLED, f'session {planned} of {self.plan.session[-1]} of the plan is measured; the '
+                        'plan has a pause here, resume the run after it'))
                 self._tries, self._planned_session = 1, now_planned
                 commands += [PublishState()] if published is not self.phase else []
                 return (*commands, self._ask(target, now))

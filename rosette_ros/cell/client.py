@@ -54,7 +54,7 @@ _LOG_TOLD = 3.0  # a recorder tells the log that it writes within this time, s
 class CalibrationOutcome:
     """How a calibration has ended; error_motions: the result, None without success; verdict: of the diagnosis of the
     run, None where there was none; is_joint: whether the run was evaluated as one with others; which: of the curves
-    the result is."""
+    the result is; paused: whether the plan has a pause here, after which the run is to be resumed."""
 
     success: bool
     cancelled: bool
@@ -65,6 +65,7 @@ class CalibrationOutcome:
     verdict: VerdictText | None = None
     is_joint: bool = False
     which: str = ''
+    paused: bool = False
 
 
 class GraphClient:
@@ -335,7 +336,8 @@ def outcome_of(response: Any) -> CalibrationOutcome:
     result = response.result
     ended = CalibrationOutcome(
         result.success, response.status == GoalStatus.STATUS_CANCELED, result.message, result.run_id,
-        Path(result.log) if result.log else None, None, is_joint=bool(result.joint_evaluation.run_ids))
+        Path(result.log) if result.log else None, None, is_joint=bool(result.joint_evaluation.run_ids),
+        paused=result.paused)
     return _with_motions(ended, result.error_motions) if result.success else ended
 
 

@@ -18,7 +18,6 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
 from rosette_ros.calibration.settings import FIELDS, IDENTITY, LIMITS, OPTIONS, PLATE, RUN
-from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CalibrationOutcome, CellClient, HangDetector
 from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, MOST_PARAMETERS, Cell
@@ -273,7 +272,7 @@ def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
     text = outcome.message.replace(f'{CONTINUE}rosette ', f'{CONTINUE}{command()} ')
     if outcome.cancelled:
         raise KeyboardInterrupt(text)
-    if PAUSE in outcome.message:
+    if outcome.paused:
         return replace(outcome, message=text)
     if not outcome.success:
         raise CellError(f'calibration failed: {text}')

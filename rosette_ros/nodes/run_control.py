@@ -331,7 +331,8 @@ class RunControl:
             where = names.where(self._node.context.get_domain_id(), self._node.get_namespace())
             words = with_advice(words, log, bool(sequence.done), where)
         self._on_end(job, Calibrate.Result(
-            success=succeeded, message=words, run_id=job.run_id, error_motions=job.motions or ErrorMotions(), log=log,
+            success=succeeded, paused=sequence.is_paused and response.success, message=words, run_id=job.run_id,
+            error_motions=job.motions or ErrorMotions(), log=log,
             joint_evaluation=job.joint_evaluation or JointEvaluation()))
 
     def health(self) -> Health:

@@ -15,7 +15,7 @@ from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.goal import Request, earlier_answers, make_job, refuse_other_plan
 from rosette_ros.calibration.settings import LIMITS as LIMIT_SETTINGS
 from rosette_ros.calibration.settings import PLANNED, format_settings, parse_settings
-from rosette_ros.calibration.state_machine import PAUSE, Ask, Finish, Locate, Sequence, Warn
+from rosette_ros.calibration.state_machine import Ask, Finish, Locate, Sequence, Warn
 from rosette_ros.core.run.errors import CellError, InvalidConfig
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase
@@ -223,13 +223,14 @@ def test_a_pause_that_is_planned_ends_the_run_until_it_is_resumed():
     first = Sequence(RUN_ID, whole, LIMITS)
     asks = asked(first)
     assert (first.phase, len(asks), {ask.session for ask in asks}) == (Phase.CANCELLED, 2 + 6 + 5, {1})
-    assert first.text == f'session 1 of 2 of the plan is measured; {PAUSE}'
+    assert first.is_paused and first.text == (
+        'session 1 of 2 of the plan is measured; the plan has a pause here, resume the run after it')
     known = RunAnswers(RUN_ID)
     for target in asks:
         known.add_target(target)
         known.add_answer(answer_to(target, stamp_ns=target.seq))
     second = Sequence(RUN_ID, whole, LIMITS, known)
-    assert {ask.session for ask in asked(second)} == {2} and second.done == whole.total
+    assert {ask.session for ask in asked(second)} == {2} and second.done == whole.total and not second.is_paused
 
 
 def test_a_run_of_a_plan_is_resumed_with_that_plan_alone():

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse
-from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.run.errors import CellError
 from rosette_ros.core.run.records import remove_gauge
@@ -70,8 +69,9 @@ def test_a_plan_file_with_a_pause(client):
     part = replace(scheme, **{name: getattr(scheme, name)[:33] for name in (
         'table_position', 'ball', 'approach', 'touches', 'session', 'wait')})
     first = client.calibrate(plan=format_plan(MeasuringPlan(part, 0.1825)))
-    assert not first.success and PAUSE in first.message and first.run_id.endswith('_mine')
+    assert first.paused and not (first.success or first.cancelled) and first.run_id.endswith('_mine')
     second = client.calibrate(resume=str(first.log))
+    assert second.success and not second.paused
     log = read_log(second.log)
     run = log.to_run()
     assert np.array_equal(run.ball, part.ball) and np.array_equal(run.session, part.session)
