@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any node is killed at any moment: every answered ball is in the log, the run is completed, the curves agree.
+"""Any node, or two at once, are killed at any moment: every answered ball is in the log, the run is completed, the curves agree.
 
 The machine has no noise, so that curves agree bit for bit. KILLS=60 tries so many seeded runs, `make soak` does.
 """
@@ -7,6 +7,7 @@ The machine has no noise, so that curves agree bit for bit. KILLS=60 tries so ma
 import os
 import signal
 import time
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -25,7 +26,8 @@ pytestmark = pytest.mark.long
 
 N, REPEATS = 5, 3
 TOTAL = REPEATS + 2 * N + N * N + 1
-KILLS = int(os.environ.get('KILLS', '4'))
+VICTIMS = [(name,) for name in MODULES] + list(combinations(MODULES, 2))
+KILLS = int(os.environ.get('KILLS', '5'))
 ANSWER_S = 0.03
 """The machine answers so slowly that a second of a run is worth talking about."""
 
@@ -55,8 +57,8 @@ def undisturbed(killable):
     return outcome
 
 
-def killed_run(cell, domain, name, moment):
-    """Calibrate; kill a node when so many targets are answered; resume where that ends the run.
+def killed_run(cell, domain, victims, moment):
+    """Calibrate; kill nodes at once when so many targets are answered; resume where that ends the run.
 
     Returns (run_id, its last Outcome).
     """
@@ -64,9 +66,11 @@ def killed_run(cell, domain, name, moment):
 
     def look(progress):
         if progress.done >= moment and not killed:
-            killed.append(name)
-            cell.processes[name].popen.send_signal(signal.SIGKILL)
-            cell.processes[name].popen.wait(60)
+            killed.extend(victims)
+            for name in victims:
+                cell.processes[name].popen.send_signal(signal.SIGKILL)
+            for name in victims:
+                cell.processes[name].popen.wait(60)
             cell.restart_failed()
 
     with CellClient(domain) as client:
@@ -80,11 +84,15 @@ def killed_run(cell, domain, name, moment):
 
 
 def completed(calibrate, killed):
-    """Return the Outcome; None where the cell went away with the sequencer; waits for a cell that starts."""
+    """Return the Outcome; None where the cell went away with the sequencer; waits for a cell that starts, which refuses.
+    """
     deadline = time.monotonic() + 60
     while True:
         try:
-            return calibrate()
+            outcome = calibrate()
+            if killed or outcome.success or time.monotonic() > deadline:
+                return outcome
+            time.sleep(0.2)
         except CellError as error:
             if killed:
                 assert 'sequencer' in str(error)
@@ -109,13 +117,13 @@ def last_part(folder, run_id):
 
 @pytest.mark.parametrize('seed', range(KILLS))
 def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
-    """Every node in turn; the moment is drawn."""
+    """Every node and every two in turn; the moment is drawn."""
     cell, domain, heard = killable
-    name = list(MODULES)[seed % len(MODULES)]
+    victims = VICTIMS[seed % len(VICTIMS)]
     moment = int(np.random.default_rng(seed).integers(1, TOTAL))
-    run_id, outcome = killed_run(cell, domain, name, moment)
+    run_id, outcome = killed_run(cell, domain, victims, moment)
     folder = last_part(cell.log_dir, run_id)
-    if name == 'evaluator':  # what it published before the others knew it is used when they do
+    if victims == ('evaluator',):  # what it published before the others knew it is used when they do
         assert folder.name == run_id and outcome.success
     log = read_log(folder)
     assert log.problems == ()
