@@ -33,7 +33,7 @@ def size_of(numbers):
 
 
 def differences(expected, got, keys=(), size=0.0):
-    """Yield 'where: wanted ..., got ...' for all that is not what was expected.
+    """Yield 'where: expected ..., found ...' for all that is not what was expected.
 
     size: of the array that numbers are part of. A number that is the rounding of a zero, such as the once-per-turn part
     that was taken out of a curve, has no digits of its own: it is held to the tolerance of its array.
@@ -41,7 +41,7 @@ def differences(expected, got, keys=(), size=0.0):
     if isinstance(expected, dict) and isinstance(got, dict):
         for name, value in expected.items():
             if name not in got:
-                yield f'{where(keys)}: wanted the key {name!r}, got none'
+                yield f'{where(keys)}: expected the key {name!r}, found none'
                 continue
             beside = size_of(expected.get(SIZE_BESIDE.get(name)))
             yield from differences(value, got[name], (*keys, name), max(size, beside))
@@ -50,7 +50,7 @@ def differences(expected, got, keys=(), size=0.0):
         for number, pair in enumerate(zip(expected, got)):
             yield from differences(*pair, (*keys, number), size)
     elif not agree(expected, got, size):
-        yield f'{where(keys)}: wanted {expected!r:.200}, got {got!r:.200}'
+        yield f'{where(keys)}: expected {expected!r:.200}, found {got!r:.200}'
 
 
 def where(keys):

@@ -125,7 +125,7 @@ def test_trials_depend_on_their_name_alone():
     run, truth = one.run()
     again, same = pickle.loads(pickle.dumps(one)).run()
     assert run == again and np.array_equal(truth.shift, same.shift) and set(truth.hidden) == set(one.kinds)
-    with pytest.raises(ValueError, match='expected some of white, .* got grey'):
+    with pytest.raises(ValueError, match='expected some of white, .* found grey'):
         trials(['grey'])
     assert {trial.set for trial in every} == set(SETS)
 

@@ -120,9 +120,9 @@ def test_every_field_of_a_goal_changes_its_setting():
 
 
 @pytest.mark.parametrize(('fields', 'words'), [
-    ({'order': 'circle'}, r"goal: order: expected one of row.*got 'circle'"),
+    ({'order': 'circle'}, r"goal: order: expected one of row.*found 'circle'"),
     ({'balls': 2}, r'goal: plate.balls: expected a whole number in 3 \.\. 1000'),
-    ({'radius': -0.1}, 'goal: plate.radius_m: expected a number'), ({'repeats': -2}, 'goal: repeats: .*got -2'),
+    ({'radius': -0.1}, 'goal: plate.radius_m: expected a number'), ({'repeats': -2}, 'goal: repeats: .*found -2'),
     ({'drift_check': 3}, 'goal: drift_check: expected true or false'),
     ({'skips': 1, 'options': 'limits.skips: 2'}, 'options: limits.skips: expected it once, found it in the fields'),
 ])

@@ -48,7 +48,7 @@ TABLES = {
 
 @pytest.mark.parametrize('fault', TABLES)
 def test_a_faulty_table(refused, make_table, fault):
-    """File, line, column, wanted, got; the same words in every verb."""
+    """File, line, column, what was expected, what was found; the same words in every verb."""
     edit, words = TABLES[fault]
     path = make_table(edit=edit)
     line = refused('evaluate', path)
@@ -172,7 +172,7 @@ PYTHON = re.compile(r'\b[A-Z]\w*(?:Error|Exception)\b|\bNoneType\b|\bdict\b|\bst
 @pytest.mark.parametrize(('name', 'text', 'words'), [
     ('m.yaml', '- frame_drift', 'expected a mapping with base and effects, found a list'),
     ('m.yaml', '3', 'expected a mapping with base and effects, found a whole number'),
-    ('m.yaml', 'base: [!!int ""]', 'expected YAML values, found one that is none'),
+    ('m.yaml', 'base: [!!int ""]', 'expected a number in decimal digits'),
     ('m.yaml', 'effects: [2026-99-99]', 'expected YAML values, found one that is none'),
     ('m.yaml', 'effects: [{own: a, direction: z, expression: "t[0]"}]', "found 't[0]'"),
     ('m.yaml', 'effects: [{own: a, direction: z, expression: "t +"}]', "'t +' cannot be read"),

@@ -26,7 +26,7 @@ def test_arithmetic(text, value):
 
 
 @pytest.mark.parametrize('text, words', [
-    ('__import__("os").system("ls")', 'expected arithmetic on|wanted functions of one'),
+    ('__import__("os").system("ls")', 'expected arithmetic on|expected functions of one'),
     ('t.__class__', "found 't.__class__'"), ('t[0]', r"found 't\[0\]'"), ('lambda: 1', "found 'lambda: 1'"),
     ('[1 for x in t]', 'for x in t'), ('open(t)', "among sin, .*, found 'open'"),
     ('time', "names among t, T, .*, found 'time'"), ('t**t', 'a number up to 12 as exponent'),
@@ -68,7 +68,7 @@ def test_custom_term_finds_its_amplitude():
 
 
 @pytest.mark.parametrize('mapping, words', [
-    ({'own': 'a', 'direction': 'up', 'expression': 't'}, "direction: expected one of x, .*got 'up'"),
+    ({'own': 'a', 'direction': 'up', 'expression': 't'}, "direction: expected one of x, .*found 'up'"),
     ({'own': 'a', 'direction': 'z'}, 'expected the key expression; it is missing'),
     ({'own': 'a b', 'direction': 'z', 'expression': 't'}, 'expected a name of letters'),
     ({'own': 'a', 'direction': 'z', 'expression': 't', 'per': 'day'}, "per: expected one of all"),

@@ -185,7 +185,7 @@ def test_a_server_that_is_restarted():
 @pytest.mark.parametrize(('reply', 'said'), [
     (lambda tag, asked: [],
      'AbortE was not answered within 0.5 s: the machine may still move, press the emergency stop'),
-    (lambda tag, asked: [Response(tag, ACK), Response(tag, DONE)], r'GoTo\(.*wanted its end within 1.5 s'),
+    (lambda tag, asked: [Response(tag, ACK), Response(tag, DONE)], r'GoTo\(.*expected its end within 1.5 s'),
 ])
 def test_slow_server_and_half_open_connection(reply, said):
     """A command that does not end is aborted; where that is not answered either, the machine may move."""

@@ -16,7 +16,7 @@ from rosette_ros.dme.rotary_table import TableState
     ({'path': {'stand_off_mm': 40.0, 'clearance_mm': 80.0}, 'table': {'balls': 12}},
      'touch .*: expected at least 20 mm between tip and '),
     ({'table': {'balls': 36}}, 'expected at least 5 mm between tip and ball 2, found 4.8; see path.stand_off_mm'),
-    ({'table': {'radius_mm': 350.0}}, r'table position 1, ball 1: .*wanted a tip within the box \(0, 0, -400\) to'),
+    ({'table': {'radius_mm': 350.0}}, r'table position 1, ball 1: .*expected a tip within the box \(0, 0, -400\) to'),
     ({'ball': {'shaft_length_mm': 5.0}}, 'between tip and plate, found .*; see ball.shaft_length_mm'),
     ({'ball': {'shaft_radius_mm': 16.0}}, 'expected at least 5 mm between tip and the shaft of the ball, found'),
 ])
@@ -33,7 +33,7 @@ def test_every_place_is_checked_once():
     assert len(ways) == 6
     unsafe = settings_of(path={'box_low_mm': [0, 0, 0], 'box_high_mm': [1, 1, 1]})
     assert refuse_unsafe_plan(unsafe, known=ways) == ways
-    with pytest.raises(UnsafePath, match='table position 1, ball 1: .*wanted a tip within the box'):
+    with pytest.raises(UnsafePath, match='table position 1, ball 1: .*expected a tip within the box'):
         refuse_unsafe_plan(unsafe, [one._replace(touches=6) for one in all_balls(unsafe)], ways)
 
 

@@ -93,7 +93,7 @@ def test_a_compensation_file_of_linuxcnc():
 
 @pytest.mark.parametrize(('limits', 'corrected', 'words'), [
     ((0, 360, 1), CURVES, 'expected at most 256 lines, which LinuxCNC reads, found 361; take --step 1.412 to '),
-    ((0, 360, 5), ('ctz',), 'expected crz among the errors to correct, .* got ctz')])
+    ((0, 360, 5), ('ctz',), 'expected crz among the errors to correct, .* found ctz')])
 def test_what_linuxcnc_would_not_read_is_refused(limits, corrected, words):
     """In words, with what would do."""
     with pytest.raises(InvalidConfig, match=words):

@@ -161,13 +161,13 @@ def test_other_verbs_take_plates_whose_balls_are_on_steps_of_the_table(tmp_path)
     off = fit(run, Model()).error_motions.values - motions.values
     assert np.abs(off / motions.u).max() < 0.05  # the clamping is 0.2 mm and 0.3 mrad off nominal
     (tmp_path / 'plate.yaml').write_text((tmp_path / 'plate.yaml').read_text().replace('130', '130.5'))
-    with pytest.raises(InvalidData, match=r'plate.yaml: ball 5: expected it within 1 mm of a multiple of 10 deg.*got '
+    with pytest.raises(InvalidData, match=r'plate.yaml: ball 5: expected it within 1 mm of a multiple of 10 deg.*found '
                        r'130.5 deg, 182.5 mm, 0 mm; tables of ball centres take any plate \(rosette evaluate'):
         read_csv(path)
 
 
 @pytest.mark.parametrize(('edit', 'words'), [
-    (lambda text: text.replace('# table_positions: 36\n', ''), 'expected "# table_positions: ...".*got none'),
+    (lambda text: text.replace('# table_positions: 36\n', ''), 'expected "# table_positions: ...".*found none'),
     (lambda text: text.replace('plate: plate', 'plate: other'), r'other.yaml: expected a plate file that can be read'),
     (lambda text: text.replace('# plate', '# balls: 11\n# plate'), 'balls: expected 12, as the plate file'),
     (lambda text: text.replace('plate: plate', 'plate: ../plate'), 'plate: expected the name of a file beside the '

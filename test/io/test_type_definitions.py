@@ -96,7 +96,7 @@ def test_bare_names_in_services_get_their_package(library):
 
 
 @pytest.mark.parametrize(('name', 'words'), [
-    ('std_msgs/Header', 'message type: expected package/msg/Type.* got .std_msgs/Header.'),
+    ('std_msgs/Header', 'message type: expected package/msg/Type.* found .std_msgs/Header.'),
     ('../msg/Header', 'message type: expected package/msg/Type'),
     ('no_such_msgs/msg/Thing', r'no_such_msgs/msg/Thing: expected its definition in '
      r'share/no_such_msgs/msg/Thing.json, not found below .*; install the package'),

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any node, or two at once, are killed at any moment: every answered ball is in the log, the run is completed, the curves agree.
+"""One node or two at once are killed at any moment: every answered ball is in the log, the run is completed, the
+curves agree.
 
 The machine has no noise, so that curves agree bit for bit. KILLS=60 tries so many seeded runs, `make soak` does.
 """
@@ -84,8 +85,7 @@ def killed_run(cell, domain, victims, moment):
 
 
 def completed(calibrate, killed):
-    """Return the Outcome; None where the cell went away with the sequencer; waits for a cell that starts, which refuses.
-    """
+    """Return the Outcome; None where the cell went away with the sequencer; waits for a cell that starts."""
     deadline = time.monotonic() + 60
     while True:
         try:

@@ -63,8 +63,8 @@ def test_defaults_and_overrides(example):
     ('plate.balls:=2', r'node example: parameter: plate.balls: expected a whole number in 3 \.\. 1000'
                        r' \(number of balls\), found 2'),
     ('plate.balls:=twelve', "found 'twelve'"),
-    ('plate.radius_m:=.nan', r'expected a number in 0\.001 \.\. 10 .* got nan'),
-    ('order:=circle', "order: expected one of row, column .* got 'circle'"),
+    ('plate.radius_m:=.nan', r'expected a number in 0\.001 \.\. 10 .* found nan'),
+    ('order:=circle', "order: expected one of row, column .* found 'circle'"),
     ('origin:=[1.0, 2.0]', 'expected a list of 3 numbers'),
     ('plate.bals:=6', "node example: parameter: expected one of .*, found 'plate.bals'; did you mean 'plate.balls'"),
 ])
