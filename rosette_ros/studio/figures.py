@@ -312,7 +312,7 @@ def filling_figure(n: int, cells: Mapping[tuple[int, int], float]) -> PlotlyFigu
     numbers = list(range(1, n + 1))
     data = [{'type': 'heatmap', 'z': values, 'x': numbers, 'y': numbers, 'colorscale': 'Cividis', 'xgap': 1, 'ygap': 1,
              'colorbar': {'title': {'text': 'µm', 'side': 'top'}, 'thickness': 12},
-             'hovertemplate': 'table position %{y}, ball %{x}<br>%{z} µm from its expected place<extra></extra>'}]
+             'hovertemplate': 'table position %{y}, ball %{x}<br>%{z} µm from its place<extra></extra>'}]
     layout = layout_of(margin={'l': 52, 't': 12})
     layout['xaxis'] = {'dtick': _tick(n), 'range': [0.5, n + 0.5], 'title': {'text': 'ball'}}
     layout['yaxis'] = {'dtick': _tick(n), 'range': [n + 0.5, 0.5], 'title': {'text': 'table position'}}

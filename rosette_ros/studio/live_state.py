@@ -4,12 +4,13 @@
 from collections import deque
 from collections.abc import Iterable
 from enum import StrEnum
-from math import dist
+from math import hypot
 from typing import NamedTuple
 
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.run.errors import plain
 from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.seating import unseated
 from rosette_ros.io.log_run import PublishedMotions
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, TableFrame, Target
 from rosette_ros.io.run_answers import RunAnswers
@@ -141,11 +142,16 @@ class CellState:
 
     @property
     def cells(self) -> dict[tuple[int, int], float]:
-        """{(table position, ball): distance from the expected place, m} of the answers that count in phase RUN."""
+        """{(table position, ball): distance, m, from where the plate as it lies has the ball} of the answers that count
+        in phase RUN."""
         numbers = range(1, self.balls + 1)
-        return {(target.table_position, target.ball): dist(answer.centre, target.centre)
-                for target, answer in self._run.counting()
-                if target.phase == Phase.RUN and target.table_position in numbers and target.ball in numbers}
+        shown = [(target, answer) for target, answer in self._run.counting()
+                 if target.phase == Phase.RUN and target.table_position in numbers and target.ball in numbers]
+        if not shown:
+            return {}
+        left = unseated([answer.centre for _, answer in shown], [target.centre for target, _ in shown],
+                        [target.table_angle for target, _ in shown])
+        return {(target.table_position, target.ball): hypot(*one) for (target, _), one in zip(shown, left, strict=True)}
 
     def view(self) -> CellView:
         """Return what a plan view shows; the last target is the current one until it is answered."""

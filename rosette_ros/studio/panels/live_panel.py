@@ -99,7 +99,8 @@ class CellPanel:
                     self._curves = Figure(400, 'Curves so far', 'live-figure', WIDTH)
                 with card('The cell from above', 'plan-view') as self._view_card:
                     self._view = Figure(460, 'Table, balls and CMM positions from above', 'plan-view-figure')
-                with card('Ball centres so far: distance from the expected place', 'filling') as self._filling_card:
+                with card('Ball centres so far: distance from their places on the plate as it lies',
+                          'filling') as self._filling_card:
                     self._filling = Figure(320, 'Ball centres so far')
         self._curves_card.set_visibility(False)
         self._view_card.set_visibility(False)
