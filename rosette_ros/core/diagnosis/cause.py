@@ -125,7 +125,7 @@ class MissingEffect:
     visible_fraction: float = 1.0
     claimed: bool = True
     learnt: KnownCause | None = None
-    alone: float = np.nan
+    alone: float = 0.0
 
     @property
     def depth(self) -> int:
