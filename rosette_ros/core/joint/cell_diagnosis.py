@@ -270,8 +270,9 @@ def _constants(rates: CellRates, name: str) -> tuple[CommonConstant, ...]:
             if p[best] >= WHOLE:
                 out.append(CommonConstant(what, float(values[best]), 0.0, units[what].unit))
             continue
-        mean = float(p @ values)
-        out.append(CommonConstant(what, mean, float(np.sqrt(p @ (values - mean)**2)), units[what].unit))
+        mean, width = float(p @ values), np.gradient(values)  # of one value the runs tell no more than its neighbours
+        u = float(np.sqrt(p @ ((values - mean)**2 + width**2 / 12)))
+        out.append(CommonConstant(what, mean, u, units[what].unit))
     return tuple(out)
 
 

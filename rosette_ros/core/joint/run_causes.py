@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.diagnosis.limits import LISTED
-from rosette_ros.core.diagnosis.log_evidence import State
+from rosette_ros.core.diagnosis.log_evidence import State, log_mean
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.effects.composed import LAWS
@@ -199,10 +199,13 @@ def _shape(posterior: Posterior, key: Key, family: CauseFamily) -> CauseShape | 
                 if one.name in setting:
                     groups.setdefault(setting.number(one.name), []).append(value)
             if len(groups) > 1:
-                values = tuple(sorted(groups))
-                likelihood = np.array([np.logaddexp.reduce(groups[value]) - math.log(len(groups[value]))
-                                       for value in values])
-                constants[one.name] = values, _of_mean_one(likelihood)
+                tried = {value: float(np.logaddexp.reduce(some)) - math.log(len(some))
+                         for value, some in groups.items()}
+                if one.name in place[1]:  # where it was refined; its choices are those of the grid
+                    choices = max(map(len, groups.values()))
+                    tried[place[1].number(one.name)] = float(log_mean(line)) - math.log(choices)
+                values = tuple(sorted(tried))
+                constants[one.name] = values, _of_mean_one(np.array([tried[value] for value in values]))
     return CauseShape(evidence.scale / math.sqrt(evidence.y.size), _of_mean_one(line), constants)
 
 
