@@ -269,5 +269,5 @@ def _polar_panel(panel: Axes, motions: ErrorMotions, curve: str, line: AxisError
     panel.set(rorigin=0, rmin=0, rmax=1.62 * base)
     panel.spines['polar'].set_visible(False)
     panel.tick_params(pad=2, labelcolor=style.GREY)
-    panel.set_xlabel(f'outer ring: {length:g} {unit} from no deviation\nrange {fixed(factor * line.range, 2)} {unit}\n'
+    panel.set_xlabel(f'outer ring: +{length:g} {unit}\nrange {fixed(factor * line.range, 2)} {unit}\n'
                      f'residual {fixed(factor * line.residual, 2)} {unit}', fontsize=style.SMALL)
