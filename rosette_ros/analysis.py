@@ -47,7 +47,8 @@ from rosette_ros.core.run.records import ErrorMotions, Floats, Run
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.sight.visibility import Visibility, visibility
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
-from rosette_ros.core.uncertainty.error_summary import Conformity, Judgement, doubt_of, fit_lines
+from rosette_ros.core.uncertainty.error_summary import Conformity, Judgement, doubt_of, fit_lines, worst_of
+from rosette_ros.core.uncertainty.hidden_effects import unseen as unseen
 from rosette_ros.core.uncertainty.stated_environment import Environment
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
@@ -77,8 +78,7 @@ def result(run: Run, model: Model | None = None, inputs: BudgetInputs | None = N
 
 def conformity_of(fitted: Fit, verdict: Judgement | None, tolerances: Mapping[str, float]) -> Conformity | None:
     """Return what a fit says of all its tolerances together: the worst of them; None where none is stated."""
-    every = {line.conformity for line in fit_lines(fitted, tolerances, doubt_of(verdict))}
-    return next((one for one in (Conformity.FAILS, Conformity.UNDECIDED, Conformity.CONFORMS) if one in every), None)
+    return worst_of(line.conformity for line in fit_lines(fitted, tolerances, doubt_of(verdict)))
 
 
 def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMotions:

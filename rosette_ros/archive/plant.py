@@ -9,13 +9,14 @@ from itertools import groupby
 from typing import Any
 
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_row import decided_by
 from rosette_ros.archive.table_history import TableTrend, history_of, limits_of, trend_of
-from rosette_ros.core.diagnosis.verdict import Outcome, VerdictText
+from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.number_words import UNKNOWN
-from rosette_ros.core.uncertainty.error_summary import Conformity, conformity, doubt_of
+from rosette_ros.core.uncertainty.error_summary import Conformity, worst_of
 from rosette_ros.presentation.formatting import micro
-from rosette_ros.presentation.json_output import CURVE_KEYS, Json, plain
+from rosette_ros.presentation.json_output import Json, plain
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.words.effect_words import names
 from rosette_ros.words.verdict_words import SHORT
@@ -43,7 +44,7 @@ class TableStanding:
     @property
     def conformity(self) -> Conformity | None:
         """What is decided about all tolerances together: the worst; None where none is stated."""
-        return worst_of(self.decided)
+        return worst_of(self.decided.values())
 
     @property
     def level(self) -> str:
@@ -64,19 +65,6 @@ class TableStanding:
             dates = self.trend.history.dates
             said += [f'{names(one.owners)} changed before {dates[one.latest]:%Y-%m-%d}' for one in self.trend.recent]
         return tuple(said)
-
-
-def decided_by(row: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Conformity]:
-    """Return what a row decides on each tolerance, m and rad by curve: nothing where the model lacks something."""
-    doubt = doubt_of(VerdictText(Outcome(row['outcome']), '', '') if row['outcome'] else None)
-    return {curve: Conformity.UNDECIDED if doubt else conformity(
-        row[f'range_{key}'], row[f'U_range_{key}'], limits[curve])
-        for curve, key in ((key.partition('_')[0], key) for key in CURVE_KEYS) if curve in limits}
-
-
-def worst_of(decided: Mapping[str, Conformity]) -> Conformity | None:
-    """Return what is decided about all tolerances together: the worst; None where none is stated."""
-    return next((one for one in LEVELS if one in decided.values()), None)
 
 
 def plant_of(archive: RunArchive, now: datetime.datetime) -> tuple[TableStanding, ...]:

@@ -12,9 +12,10 @@ from rosette_ros.analysis import RunResult
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.run.records import Floats
+from rosette_ros.core.run.records import CURVES, Floats
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.core.uncertainty.error_summary import Conformity, conformity, doubt_of
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
 from rosette_ros.core.uncertainty.stated_environment import Environment
 from rosette_ros.invocation import __version__
@@ -99,6 +100,8 @@ COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     *((f'range_{key}', _REAL, 'range of the curve, the synchronous error motion value (ISO 230-7)')
       for key in CURVE_KEYS),
     *((f'U_range_{key}', _REAL, f'its expanded uncertainty, k = {COVERAGE_FACTOR}') for key in CURVE_KEYS),
+    ('doubt', _TEXT, 'why U does not say how large the errors are, so that no tolerance is decided; empty where it '
+                     'does; null where a version wrote the row that did not keep it'),
     *((f'{prefix}{what}_{axis}_m', _REALS, f'{words} {axis} at the n {places}, in the order of their numbers')
       for what, places in (('plate', 'balls'), ('cmm', 'CMM positions'))
       for prefix, words in (('', f'deviation of the {"plate" if what == "plate" else "CMM"} along'),
@@ -163,8 +166,15 @@ def evaluation_row(fit: Fit, finding: Diagnosis | None = None, source: Source | 
         **_lists('U_{}', CURVE_KEYS, COVERAGE_FACTOR * motions.u),
         **{f'range_{key}': line.range for key, line in zip(CURVE_KEYS, lines, strict=True)},
         **{f'U_range_{key}': line.expanded for key, line in zip(CURVE_KEYS, lines, strict=True)},
+        'doubt': doubt_of(verdict),
         **_lists('plate_{}_m', AXES, fit.plate), **_lists('U_plate_{}_m', AXES, COVERAGE_FACTOR * fit.deviation_u[0]),
         **_lists('cmm_{}_m', AXES, fit.cmm), **_lists('U_cmm_{}_m', AXES, COVERAGE_FACTOR * fit.deviation_u[1])}
+
+
+def decided_by(row: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Conformity]:
+    """Return what a row decides on each tolerance, m and rad by curve: nothing where its U is in doubt, or may be."""
+    return {curve: conformity(row[f'range_{key}'], row[f'U_range_{key}'], limits[curve]) if row['doubt'] == '' else
+            Conformity.UNDECIDED for curve, key in zip(CURVES, CURVE_KEYS, strict=True) if curve in limits}
 
 
 def table_of(rows: Sequence[Mapping[str, Any]]) -> pa.Table:

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.archive.run_archive import RunArchive
-from rosette_ros.archive.run_row import AXES, SERIALS
+from rosette_ros.archive.run_row import AXES, SERIALS, decided_by
 from rosette_ros.core.run.errors import InvalidData, counted
 from rosette_ros.core.run.geometry import TWO_PI, nominal_angles, rotate_z, wrap
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Ints
 from rosette_ros.core.table import trend
 from rosette_ros.core.table.trend import LEAST_LINE, LEAST_RUNS, Event, Forecast, TimeSeries
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
-from rosette_ros.core.uncertainty.error_summary import Conformity, conformity
+from rosette_ros.core.uncertainty.error_summary import Conformity
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation import trend_results as results
@@ -46,10 +46,10 @@ class History:
 
     dates, runs, paths: when measured, run_id, which several logs may have, and where the log was found; days: (m,)
     since the first; range, U: (m, 6) of the errors, m and rad; curves: (m, 6, n), NaN in runs with another number
-    of balls than the last one, which are other_balls; tolerances: by curve, of the last run that states any;
-    temperature: (m,); quantities: what is looked at; serials: of each run by device; missing: effects that the
-    diagnosis of each run names; simulated: names of the runs that are; left_out: runs between the steps of the
-    table."""
+    of balls than the last one, which are other_balls; tolerances: by curve, of the last run that states any; decided:
+    of them by the last run; temperature: (m,); quantities: what is looked at; serials: of each run by device; missing:
+    effects that the diagnosis of each run names; simulated: names of the runs that are; left_out: runs between the
+    steps of the table."""
 
     serial: str
     model_hash: str
@@ -60,6 +60,7 @@ class History:
     U: Floats
     curves: Floats
     tolerances: Mapping[str, float]
+    decided: Mapping[str, Conformity]
     temperature: Floats
     quantities: tuple[TimeSeries, ...]
     serials: tuple[Mapping[str, str], ...]
@@ -166,7 +167,7 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
         np.array([[row[f'range_{key}'] for key in CURVE_KEYS] for row in rows]),
         np.array([[row[f'U_range_{key}'] for key in CURVE_KEYS] for row in rows]),
         np.array([[row[key] if row['n'] == n else np.full(n, np.nan) for key in CURVE_KEYS] for row in rows]),
-        limits_of(rows),
+        limits_of(rows), decided_by(rows[-1], limits_of(rows)),
         np.array([np.nan if row['temperature_mean_C'] is None else row['temperature_mean_C'] for row in rows]),
         (*_table(rows), *_places(rows, 'plate', 'ball'), *_places(rows, 'cmm', 'position'), *_effects(rows),
          _residual(rows)),
@@ -341,12 +342,11 @@ def trend_of(history: History) -> TableTrend:
     """Return the trend that a history shows."""
     events = history.events()
     recent = tuple(event for event in events if event.run >= len(history.runs) - LATELY)
-    decided, said = dict[str, Conformity](), list[str]()
+    said = list[str]()
     for curve, limit in history.tolerances.items():
         place = CURVES.index(curve)
         value, expanded = float(history.range[-1, place]), float(history.U[-1, place])
-        decided[curve] = found = conformity(value, expanded, limit)
-        if found is not Conformity.CONFORMS:
+        if (found := history.decided[curve]) is not Conformity.CONFORMS:
             factor, unit = text.curve_scales()[place]
             said.append(f'{curve} {factor * value:.3g} ± {factor * expanded:.2g} {unit}: {found} to its tolerance of '
                         f'{factor * limit:.3g} {unit}')
@@ -355,4 +355,4 @@ def trend_of(history: History) -> TableTrend:
         said.append(f'{names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
                     f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by '
                     f'{results.size_words(strongest)}')
-    return TableTrend(history, events, history.forecasts(events), decided, recent, tuple(said))
+    return TableTrend(history, events, history.forecasts(events), history.decided, recent, tuple(said))

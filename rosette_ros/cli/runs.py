@@ -3,6 +3,7 @@
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -126,17 +127,20 @@ def _measured(run: Run) -> dict[str, Any]:
 def _judged(run: Run, identity: Identity, known: VerdictText | None) -> dict[str, Any]:
     """Return the verdict on a run, that of its cell where it is known, and whether it keeps its tolerances."""
     analysis, limits = load('rosette_ros.analysis', 'runs'), identity.limits(run.rotation)
-    made, found = dict[str, Any](), None
+    made, fitted = dict[str, Any](), None
     if not known and run.n > analysis.MOST_BALLS_JUDGED:
         problem = f'more than {analysis.MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN'
         return {'problem': problem, 'ended': 'not judged'}
     if not known:
         found = analysis.find(run)
-        known, made = verdict_text(found.verdict), {'judged': 'now', 'residual_m': found.fit.rms}
+        known, fitted = verdict_text(found.verdict), found.fit
+        made = {'judged': 'now', 'residual_m': fitted.rms}
     else:
         made = {'judged': 'cell'}
     if limits:
-        made['conformity'] = analysis.conformity_of(found.fit if found else analysis.analyse(run), known, limits)
+        fitted = fitted or analysis.analyse(run)
+        unseen = known.unseen or analysis.unseen(fitted)  # no message carries it
+        made['conformity'] = analysis.conformity_of(fitted, replace(known, unseen=unseen), limits)
     return {**verdict_json(known), **made}
 
 

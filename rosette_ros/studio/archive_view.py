@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.archive.archive_questions import Question
-from rosette_ros.archive.plant import LEVELS, decided_by, plant_of, plant_table, worst_of
+from rosette_ros.archive.plant import LEVELS, plant_of, plant_table
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_row import decided_by
 from rosette_ros.archive.stored_causes import causes_of_text
 from rosette_ros.archive.table_history import TableTrend, limits_of, read_history, trend_of
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import CURVES, ErrorMotions
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
-from rosette_ros.core.uncertainty.error_summary import difference
+from rosette_ros.core.uncertainty.error_summary import difference, worst_of
 from rosette_ros.presentation.formatting import curve_scales
 from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.presentation.table_format import Table
@@ -32,7 +33,7 @@ _KEY = "concat(log_sha256, ' ', run_id)"
 _LISTED = f'''
     SELECT {_KEY} AS key, path, run_id, strftime(measured_at, '%Y-%m-%d %H:%M') AS measured, table_serial AS "table",
         cell, n, 1e6 * rms_m AS rms, coalesce(level, '') AS level, array_to_string(missing, ' + ') AS lacks,
-        outcome, identity, rotation, {', '.join(f'range_{key}, U_range_{key}' for key in CURVE_KEYS)}
+        outcome, doubt, identity, rotation, {', '.join(f'range_{key}, U_range_{key}' for key in CURVE_KEYS)}
     FROM runs WHERE {{}} AND model_hash = ? ORDER BY measured_at DESC NULLS LAST, run_id LIMIT {MOST_LISTED}'''
 
 
@@ -69,7 +70,7 @@ def _line(row: dict[str, Any]) -> dict[str, Any]:
     line = {key: row[key] for key in ('key', 'path', 'run_id', 'measured', 'table', 'cell', 'n', 'level', 'lacks')}
     for curve, key, (factor, _) in zip(CURVES, CURVE_KEYS, curve_scales(), strict=True):
         line[curve] = round(factor * row[f'range_{key}'], decimals(factor * row[f'U_range_{key}']))
-    worst = worst_of(decided_by(row, limits_of([row])))
+    worst = worst_of(decided_by(row, limits_of([row])).values())
     return {**line, 'rms': f'{row["rms"]:.3f}', 'tolerances': worst or '',
             'tolerance_level': LEVELS[worst] if worst else ''}
 

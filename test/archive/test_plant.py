@@ -7,14 +7,17 @@ import json
 import pytest
 
 from benchmarks.ageing import years
-from rosette_ros.analysis import analyse
+from rosette_ros.analysis import RunResult, analyse, find
 from rosette_ros.archive.plant import plant_of
 from rosette_ros.archive.run_archive import RunArchive
-from rosette_ros.archive.run_row import evaluation_row, heading
+from rosette_ros.archive.run_row import decided_by, evaluation_row, heading
 from rosette_ros.cli.main import main
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.uncertainty.error_summary import Conformity, doubt_of
 from rosette_ros.io.identity_file import parse_identity
+from rosette_ros.simulation import Machine, MachineConfig
 
 START = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
 SETTINGS = {'plate': {'balls': 5}, 'table': {'translation_um': 0.5, 'rotation_urad': 5.0}}
@@ -53,6 +56,24 @@ def test_the_most_urgent_table_stands_first(archive, capsys):
     assert (found['schema'], [one['table'] for one in found['tables']][:1]) == ('rosette-plant/1', ['OUT'])
     assert main(['archive', 'plant', str(archive.folder)]) == 0
     assert 'the most urgent first' in capsys.readouterr().out
+
+
+def test_what_the_order_hides_is_decided_by_no_interface(tmp_path):
+    """In the order row without an environment U lacks what it hides: a wide tolerance is not said to be kept."""
+    run = Machine(MachineConfig().changed(seed=1, plate={'balls': 6})).run(plan(6, 'row', 1), run_id='row')
+    found, wide = find(run), 'tolerances: {crz: 1 mrad, ctx: 0.5 mm}\n'
+    identity = parse_identity(f'schema: rosette-identity/1\ntable: {{serial: ROW}}\n{wide}'.encode())
+    row = {**heading('row', '/logs/row', '', Model(), START, 'row'), **evaluation_row(
+        found.fit, found, identity=identity), 'measured_at': START}
+    limits = identity.limits(run.rotation)
+    assert doubt_of(found.verdict) == row['doubt'] != ''
+    assert {line.conformity for line in RunResult(found.fit, found).curves.lines(limits) if line.tolerance} == {
+        Conformity.UNDECIDED}
+    assert decided_by(row, limits) == {'ctx': Conformity.UNDECIDED, 'crz': Conformity.UNDECIDED}
+    assert decided_by({**row, 'doubt': None}, limits) == decided_by(row, limits), 'a row that does not know it'
+    made = RunArchive(tmp_path / 'plant', make=True)
+    made.add([row])
+    assert [one.conformity for one in plant_of(made, START)] == [Conformity.UNDECIDED]
 
 
 def test_a_calibration_that_is_due_is_urgent(archive):

@@ -2,7 +2,7 @@
 """Error motions of a table in a line each (ISO 230-7): range, parts, uncertainty, and conformity to a tolerance."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -43,6 +43,12 @@ def conformity(value: float, expanded: float, limit: float) -> Conformity:
     if value + expanded <= limit:
         return Conformity.CONFORMS
     return Conformity.FAILS if value - expanded > limit else Conformity.UNDECIDED
+
+
+def worst_of(decided: Iterable[Conformity | None]) -> Conformity | None:
+    """Return what is decided of several tolerances together, the worst; None where none is stated."""
+    every = set(decided)
+    return next((one for one in (Conformity.FAILS, Conformity.UNDECIDED, Conformity.CONFORMS) if one in every), None)
 
 
 class Judgement(Protocol):

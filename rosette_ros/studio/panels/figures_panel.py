@@ -160,13 +160,13 @@ def preview_words(change: Change) -> str:
 
 
 def _show_errors(fit: Fit, result: RunResult | None, opened: OpenedRun | None) -> None:
-    """Show the errors of a result, or those of the fit of a preview."""
+    """Show the errors of a result, or those of the fit of a preview, which decides no tolerance."""
     limits, words = dict[str, float](), ''
     try:
         limits = _source(opened).identity.limits(fit.run.rotation)
     except RosetteError as error:
         words = f'{error}. '
-    every = errors_of(result, limits) if result else (errors(fit_lines(fit, limits)),)
+    every = errors_of(result, limits) if result else (errors(fit_lines(fit)),)
     for one in every:
         if len(every) > 1:
             ui.label(one.title).classes('soft')
