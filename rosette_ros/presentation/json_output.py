@@ -223,7 +223,7 @@ def advice_json(advice: Advice, n: int, radius: float, run_id: str = '') -> Json
     return plain({
         'schema': ADVICE, 'run_id': run_id, 'n': n, 'radius_m': radius, 'text': advice_words(advice),
         'present': _order_json(advice.present), 'recommended': _order_json(advice.best),
-        'orders': [_order_json(order) for order in advice.orders], 'weak': advice.weak, 'expected': advice.wanted})
+        'orders': [_order_json(order) for order in advice.orders], 'weak': advice.weak, 'wanted': advice.wanted})
 
 
 def _order_json(order: OrderAdvice) -> Json:

@@ -18,7 +18,7 @@ def test_a_plan_is_judged(rosette):
                      parse_constant=pytest.fail)
     assert got['schema'] == 'rosette-advice/1'
     assert {'schema', 'run_id', 'n', 'radius_m', 'text', 'present', 'recommended', 'orders',
-            'weak', 'expected'} == set(got)
+            'weak', 'wanted'} == set(got)
     now, then = (got[key]['effects'] for key in ('present', 'recommended'))
     assert {'table_zero_drift', 'table_backlash'} <= set(got['weak'])
     assert now['table_backlash']['hidden'] and now['table_backlash']['detectable_rms_m'] is None
@@ -58,7 +58,7 @@ def test_an_effect_can_be_wanted(rosette):
     """Then the orders are compared by that one."""
     got = json.loads(rosette('advise', '--balls', 6, '--order', 'random', '--show',
                              'table_backlash', '--json').out)
-    assert got['expected'] == ['table_backlash']
+    assert got['wanted'] == ['table_backlash']
     assert {order['worst_effect'] for order in got['orders']} == {'table_backlash'}
     assert got['recommended']['turning'] == 'alternate'
 
