@@ -21,7 +21,7 @@ from rosette_ros.words.cell_words import cell_words, order_words
 
 OF_CELL = {'table.serial': 'table', 'cmm.serial': 'CMM'}
 """Entries of the identity that are the same in all runs of a cell, in words."""
-_LOAD = re.compile(r'(\d+(?:\.\d+)?)\s*kg')
+_LOAD = re.compile(r'(?:^|[^\d.,\s]\s*)(\d+(?:[.,]\d{1,2})?)\s*kg')
 
 
 class CellDiagnosed(Result):
@@ -77,9 +77,9 @@ def conditions_of(run: Run, identity: Identity) -> Mapping[str, float]:
     if run.begun is not None:
         out['date'] = run.begun / 86400
     elif day := identity['measured.begin']:
-        out['date'] = float(datetime.date.fromisoformat(day[:10]).toordinal())
+        out['date'] = float((datetime.date.fromisoformat(day[:10]) - datetime.date(1970, 1, 1)).days)
     if load := _LOAD.search(identity['conditions.load']):
-        out['load'] = float(load[1])
+        out['load'] = float(load[1].replace(',', '.'))
     return out
 
 

@@ -46,12 +46,11 @@ def curves_of(source: Any) -> TableCurves:
         if holds_curves(source):
             return read_curves(source)
         if Path(source).suffix.lower() in ('.yaml', '.yml'):
-            motions = read_correction(source)[0].forward
-            return TableCurves(Path(source).name, motions.angle, motions.values, motions.u)
+            correction = read_correction(source)[0]
+            motions = correction.forward
+            sense = ', turning forward' * (not np.array_equal(motions.values, correction.backward.values))
+            return TableCurves(f'{Path(source).name}{sense}', motions.angle, motions.values, motions.u)
     made = source if isinstance(source, ErrorCurves | Evaluation | JointEvaluation) else evaluate(source)
     motions = (made if isinstance(made, ErrorCurves) else made.curves).motions
     name = made.judged.measured.name if isinstance(made, Evaluation) else 'curves'
     return TableCurves(Path(name).name, motions.angle, np.array(motions.values), np.array(motions.u))
-
-
-

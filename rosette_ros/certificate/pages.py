@@ -53,12 +53,12 @@ from rosette_ros.words.budget_words import not_considered
 PLAIN, BOLD = 'DejaVu Sans', 'DejaVu Sans Bold'
 SIZE, HEAD, TITLE = 8.0, 9.5, 15.0
 SIDE, TOP, FOOT, PADDING = 16 * mm, 17 * mm, 15 * mm, 6
+"""Margins, and what reportlab leaves free within them, points."""
 ROOM = 45 * mm, 16 * mm
 """Width and height of the logo and of the accreditation mark on the first page."""
 FEW, SECTIONS, MOST_BYTES = 0.22, 3, 4 << 20
 """A page that is filled to less of its height has only a few lines; so many of the last sections may begin one, so
 that it does not; the size of a picture."""
-"""Margins, and what reportlab leaves free within them, points."""
 WIDTH = A4[0] - 2 * SIDE
 INK, SOFT, LINE, RED = (colors.HexColor(one) for one in ('#000000', '#555555', '#bbbbbb', '#a33c00'))
 COLOURS = {Conformity.CONFORMS: '#00694b', Conformity.FAILS: '#a33c00', Conformity.UNDECIDED: '#8a5a00'}

@@ -215,12 +215,7 @@ def run_environment(options: Namespace) -> None:
         refuse_output(options.output, options.force)
     found = environment_of_cell(RunArchive(options.archive), options.table, CLASSES[options.environment])
     text = format_environment(found)
-    if not options.output:
-        sys.stdout.write(text)
-        return
-    write_text(options.output, text, options.force)
-    use = command('evaluate', 'RUN', '--inputs', options.output)
-    console().print(f'Written to {options.output}. Use it with: {use}', markup=False, soft_wrap=True)
+    _print_or_write(text, options, 'evaluate', '--inputs')
 
 
 def experience_arguments(parser: ArgumentParser) -> None:
@@ -240,11 +235,16 @@ def run_experience(options: Namespace) -> None:
     if options.output:
         refuse_output(options.output, options.force)
     text = format_experience(experience_of_cell(RunArchive(options.archive), options.cell, options.table))
+    _print_or_write(text, options, 'diagnose', '--experience')
+
+
+def _print_or_write(text: str, options: Namespace, verb: str, option: str) -> None:
+    """Print a text, or write it to --output and say which verb takes the file by which option."""
     if not options.output:
         sys.stdout.write(text)
         return
     write_text(options.output, text, options.force)
-    use = command('diagnose', 'RUN', '--experience', options.output)
+    use = command(verb, 'RUN', option, options.output)
     console().print(f'Written to {options.output}. Use it with: {use}', markup=False, soft_wrap=True)
 
 

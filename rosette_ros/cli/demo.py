@@ -91,6 +91,8 @@ def run_demo(options: Namespace) -> None:
     for name, given in (('--open', options.open), ('--until', options.until), ('--runs', options.runs > 1)):
         if given and options.hidden is None:
             raise InvalidConfig(f'demo: {name} goes with --hidden only; leave it out')
+    if options.open and options.runs > 1:
+        raise InvalidConfig('demo: --open goes with one run only; open each envelope by rosette envelope')
     if options.offline:
         for name in ('verification', 'dme', 'keep', 'domain', 'identity', 'until'):
             if getattr(options, name) not in (None, False):

@@ -245,9 +245,10 @@ def advise_readings(options: Namespace) -> None:
         raise UsageError('advise: --readings: expected RUN, without --order and --show')
     if options.plan and Path(options.plan).suffix.lower() != '.csv':
         raise UsageError(f'--plan: expected a name that ends in .csv, found {options.plan!r}')
-    run = Opened(options).run
+    opened = Opened(options)
+    run = opened.run
     warn(run)
-    made = next_readings(run, options.model, options.readings, options.until or UNTIL)
+    made = next_readings(run, opened.model, options.readings, options.until or UNTIL)
     if options.plan and made.plan:
         made.plan.write(options.plan, options.force)
     if options.json:

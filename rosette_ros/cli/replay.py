@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> None:
                 cell.check()
     differ = [show(out, run_id, published_motions(found[run_id]), wanted) for run_id, wanted in expected.items()]
     if any(differ):
-        raise InvalidData(f'{options.log}: expected the expected error motions, found others; another version of the '
+        raise InvalidData(f'{options.log}: expected the error motions of the log, found others; another version of the '
                           'software, or another model?')
     if others := [seq for seq, is_same in player.decisions if not is_same]:
         raise InvalidData(f'{options.log}: expected the next readings after target {others[0]} as in the log, found '

@@ -362,12 +362,13 @@ class Recorder(CellNode):
     def _on_stop(self, request: StopRecording.Request, response: StopRecording.Response) -> StopRecording.Response:
         """Close the log where it lacks nothing that the request names."""
         if not self._is_log_of(request.run_id):
-            response.message = f'expected to close the log of run {plain(request.run_id)}, found {self._open_log}'
+            response.message = (f'close the log of run {plain(request.run_id)}: expected that it is open, found '
+                                f'{self._open_log}')
             return response
         session = self._session
         if not self._is_over:  # the state may come after the request, which may be that of another node
             response.missing = ['the end of the run']
-            response.message = (f'expected to close the log of run {session.run_id} after its end, found that it is '
+            response.message = (f'close the log of run {session.run_id}: expected the end of the run, found that it is '
                                 'measured')
             return response
         self._replace_damaged()

@@ -43,7 +43,7 @@ def seal_envelope(path: Path, machine: Machine) -> str:
         raise InvalidData(f'{path}: expected a new file for the envelope, found one that exists; '
                           'name another, an envelope is never overwritten') from error
     except OSError as error:
-        raise InvalidData(f'{path}: expected to write the envelope, found: {error}') from error
+        raise InvalidData(f'{path}: expected an envelope that can be written, found: {error}') from error
     return digest
 
 

@@ -390,7 +390,7 @@ def free_port(host: str, port: int) -> int:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise CellError(f'studio: expected to listen on {host} port {port}, found: {error.strerror}; choose '
+            raise CellError(f'studio: expected a free port, found {host} port {port}: {error.strerror}; choose '
                             'another --port or --host') from error
         return int(probe.getsockname()[1])
 

@@ -196,7 +196,7 @@ def test_what_a_stranger_requests_of_the_recorder_changes_no_run(cell, client, s
     assert outcome.success and outcome.message == undisturbed.message
     assert outcome.log.name == outcome.run_id and same_curves(outcome, undisturbed)
     refused = {one.message for one in answers if isinstance(one, StopRecording.Response)}
-    assert f'expected to close the log of run {outcome.run_id} after its end, found that it is measured' in refused
+    assert f'close the log of run {outcome.run_id}: expected the end of the run, found that it is measured' in refused
     assert not [one for one in answers if isinstance(one, (StartRecording.Response, StopRecording.Response))
                 and one.success]
 

@@ -118,7 +118,8 @@ def test_a_sequencer_that_is_restarted_while_a_log_is_open(recorder, tmp_path, m
     recorder.wake()
     response = stop(recorder, 'run')
     assert not response.success
-    assert response.message.startswith('expected to close the log of run run, found no log open; run run: ')
+    assert response.message.startswith(
+        'close the log of run run: expected that it is open, found no log open; run run: ')
     assert not read_log(tmp_path / 'run').truncated
 
 

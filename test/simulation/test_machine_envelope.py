@@ -45,7 +45,7 @@ def test_an_envelope_is_never_overwritten(machine, tmp_path):
     with pytest.raises(InvalidData, match=r'expected a new file for the envelope, found one that ex'):
         seal_envelope(path, machine)
     assert path.read_text() == 'mine'
-    with pytest.raises(InvalidData, match=r'expected to write the envelope, found: '):
+    with pytest.raises(InvalidData, match=r'expected an envelope that can be written, found: '):
         seal_envelope(tmp_path / 'no' / 'folder', machine)
 
 
