@@ -157,7 +157,7 @@ def environment_of_cell(archive: RunArchive, serial: str, otherwise: Environment
         every.append(shown_by(run, row['effects']))
     if not every:
         raise InvalidData(f'{archive.folder}: expected diagnosed runs of table {serial} whose logs are still there, '
-                          f'found '
+                          'found '
                           f'none of {counted(len(rows), "run")}')
     left, lever = at_ball(otherwise, run), run.radius
     effects, kinds = dict[str, Size](), {kind: [0.0, 0] for kind in KINDS}

@@ -56,7 +56,7 @@ def local_folder(name: str | Path) -> Path:
     head = text.partition('/')[0]
     if '://' in text or (':' in head and not Path(head).exists()):
         raise InvalidData(f'{name}: expected a folder of this computer as archive, found a place elsewhere; mount it '
-                          f'and '
+                          'and '
                           'name where it is mounted' + f', or write ./{text} for a folder of that name' * (
                               '://' not in text))
     return Path(text).absolute()
@@ -113,7 +113,7 @@ class RunArchive:
             raise InvalidData(f'{mark}: expected JSON with "schema": "{FORMAT}", found something else') from error
         if stated != FORMAT:
             raise InvalidData(f'{folder}: expected an archive of {FORMAT}, found {stated!r:.60}; use a version of '
-                              f'rosette '
+                              'rosette '
                               'that knows it')
 
     def _make(self, mark: Path) -> None:
@@ -121,7 +121,7 @@ class RunArchive:
             self.folder.mkdir(parents=True, exist_ok=True)
             if any(path.name not in (MARK, PARTS) and path.suffix != '.part' for path in self.folder.iterdir()):
                 raise InvalidData(f'{self.folder}: expected an archive or an empty folder, found a folder of other '
-                                  f'files; '
+                                  'files; '
                                   'choose another name')
             (self.folder / PARTS).mkdir(exist_ok=True)
         except OSError as error:

@@ -27,7 +27,7 @@ def block_of(n: int, columns: Mapping[str, ArrayLike]) -> Scheme:
     if not (table.size == ball.size == approach.size == wait.size and np.isin([table, ball], np.arange(1, n + 1)).all()
             and np.isin(approach, (-1, 1)).all() and np.all((wait >= 0) & (wait <= LONGEST_WAIT))):
         raise InvalidPlan(f'readings that are added: expected table position and ball in 1..{n}, approach +1 or -1 '
-                          f'and a '
+                          'and a '
                           f'wait of 0 to {LONGEST_WAIT} s of each, found {made!r:.200}')
     return Scheme(n, 'added', 0, table, ball, approach, wait=wait)
 

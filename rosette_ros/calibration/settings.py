@@ -162,7 +162,7 @@ def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
     for name in options:
         if name in changes:
             raise InvalidConfig(f'options: {name}: expected it once, found it in the fields of the goal too; leave it '
-                                f'out')
+                                'out')
     changes |= options
     for name in ('plan', 'plate.file'):
         if changes.get(name) and '\n' not in str(changes[name]):

@@ -236,7 +236,7 @@ class Sequence:
         longest = LONGEST_SHARE * 1e-9 * (max(stamps, default=0) - min(stamps, default=0))
         if block.ball.size > most or block.wait.sum() > longest:
             raise InvalidPlan(f'readings that are added: expected at most {most}, with waits of at most {longest:.0f} '
-                              f's, '
+                              's, '
                               f'{LONGEST_SHARE} times as long as the run has taken, found {block.ball.size} with waits '
                               f'of {block.wait.sum():.0f} s')
 

@@ -161,12 +161,12 @@ class CellClient(GraphClient):
         service = self._node.create_client(Trigger, names.RECOVER)
         if not self._spin_until(service.service_is_ready, SEARCH):
             raise CellError(f'cell {self._where}: expected a CMM with the service {names.RECOVER}, found none; only '
-                            f'one '
+                            'one '
                             'through I++ DME has it')
         answer = service.call_async(Trigger.Request())
         if not self._spin_until(answer.done, RECOVERY):
             raise CellError(f'cell {self._where}: expected an answer of the CMM within {RECOVERY:g} s, found none; '
-                            f'see its '
+                            'see its '
                             'output and /diagnostics')
         if not answer.result().success:
             raise CellError(f'cell {self._where}: {plain(answer.result().message)}')

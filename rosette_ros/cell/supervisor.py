@@ -262,7 +262,7 @@ class Cell:
         if not _wait(lambda: not missing(), START_TIMEOUT):
             name = missing()[0]
             raise CellError(f'cell: expected "{wanted[name].strip()}" from node {name} within {START_TIMEOUT:g} s, '
-                            f'found: '
+                            'found: '
                             f'{self.processes[name].text()[-500:]}')
 
 

@@ -278,11 +278,11 @@ def _is_after(day: str, issued: str) -> bool:
 def _check_issue(stated: str, issued: str, ended: str) -> None:
     """Raise InvalidData where the day of issue, stated or that of today, lies before the last day of measuring."""
     if stated and _is_after(ended, stated):
-        raise InvalidData(f'certificate: certificate.date: expected a day of issue after the measurement, which ended '
+        raise InvalidData('certificate: certificate.date: expected a day of issue after the measurement, which ended '
                           f'{ended}, found {stated}; correct it in the identity file')
     if _is_after(ended, issued):
         raise InvalidData(f'certificate: measured.end: expected a day of measuring before that of issue, {issued}, '
-                          f'found '
+                          'found '
                           f'{ended}; was the clock of the recorder wrong? State measured.begin and measured.end in '
                           'the identity file')
 

@@ -130,7 +130,7 @@ class RateColumn(ProgressColumn):
 def query_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'archive')
-    parser.add_argument('sql', metavar='SQL', nargs='?', default='', help=f'a question in SQL (DuckDB) over the views '
+    parser.add_argument('sql', metavar='SQL', nargs='?', default='', help='a question in SQL (DuckDB) over the views '
                         f'runs, {", ".join(VIEWS)}; in place of the questions below')
     for word, name in SERIAL.items():
         parser.add_argument(f'--{word}', metavar='SERIAL' if name.endswith('serial') else 'NAME', default='',

@@ -105,7 +105,7 @@ def namespace(text: str) -> str:
     """Read a namespace, with or without the slash in front."""
     bare = text.strip('/')
     if not re.fullmatch(r'([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?', bare, re.ASCII):
-        raise argparse.ArgumentTypeError(f'expected a namespace such as cell2 (letters, digits and "_", none begins '
+        raise argparse.ArgumentTypeError('expected a namespace such as cell2 (letters, digits and "_", none begins '
                                          f'with a digit), found {text!r}')
     return bare
 

@@ -54,7 +54,7 @@ def make(options: Namespace) -> None:
         one = Path(name)
         if one.suffix.lower() != ending:
             raise UsageError(f'{word}: expected a name that ends in {ending}, found {str(name)!r}; -o names the XML, '
-                             f'--pdf '
+                             '--pdf '
                              'the pages for people')
         refuse_output(one, options.force)
     certificate = certificate_of(options.run_path, options.model, options.run_id, options.identity, options.inputs,

@@ -134,7 +134,7 @@ def tell(out: Console, log_path: Path, model_path: str | None = None, whole: boo
         out.print(advice_words(summary.advice or advise_run(run)))
     else:
         again = ('--model', model_path) if model_path else ()
-        out.print(f'\nHow it is found, step by step:\n  '
+        out.print('\nHow it is found, step by step:\n  '
                   f'{escape(command("envelope", shown(log_path), *again, "--all"))}', soft_wrap=True)
     write_model(summary.final.model, log_path / MODEL, force=True)
     out.print(f'\nModel with all that is found: {escape(shown(log_path / MODEL))}', soft_wrap=True)

@@ -56,7 +56,7 @@ def is_joint(options: Namespace) -> bool:
         raise UsageError('--joint: expected no --experience, found one; it is of single runs')
     if is_wanted and getattr(options, 'refit_spheres', False):
         plates = [path for path in options.run_path if has_plate(path)]
-        raise UsageError(f'--refit-spheres: expected the log of a run, which has its touches, found the table '
+        raise UsageError('--refit-spheres: expected the log of a run, which has its touches, found the table '
                          f'{plates[0]} '
                          'with ball centres only; leave the option out' if plates and len(options.run_path) == 1 else
                          '--refit-spheres: expected one run, found several as one; leave --joint out')

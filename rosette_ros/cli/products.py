@@ -87,7 +87,7 @@ def run_correct(options: Namespace) -> None:
                       options.detection_unit or 1e-4, -1 if options.invert else 1)
     if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
         raise UsageError(f'--output: expected a name for YAML with --for ros, found {options.output!r}; --for csv '
-                         f'writes a '
+                         'writes a '
                          'table')
     low, high = options.range or TURN
     if not low < high:
@@ -95,7 +95,7 @@ def run_correct(options: Namespace) -> None:
     step = options.step or STEPS.get(options.target, 0.0)
     if step and (high - low) / step > MOST_LINES:
         raise UsageError(f'correct: expected a table of at most {MOST_LINES} lines, found --range {low:g} {high:g} '
-                         f'with '
+                         'with '
                          f'--step {step:g}; take a larger --step or a smaller --range')
     refuse_output(options.output, options.force)
     made = _correction(options, chosen)

@@ -112,7 +112,7 @@ def expected_motions(log: LogRun) -> dict[str, Expected]:
     if not expected:
         ended = '; '.join(f'run {state.run_id}: {state.text}' for state in log.states)
         raise InvalidData(f'{log.path}: expected a run that was evaluated, found none ({ended}); try rosette evaluate '
-                          f'on '
+                          'on '
                           'what was measured')
     return expected
 
@@ -129,7 +129,7 @@ def replay(player: 'LogPlayer', options: argparse.Namespace, log: LogRun,
     missing = [run_id for run_id in expected if run_id not in found]
     if missing:
         raise CellError(f'replay: expected the error motions of run {missing[0]} within {RESULT_TIMEOUT:g} s, found '
-                        f'none; '
+                        'none; '
                         'see the output of the evaluator')
     return found
 

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='port to listen on (default: any free one; the address is printed)')
     parser.add_argument('--host', default='127.0.0.1', metavar='H', help='address to listen on (default '
                         '127.0.0.1: this computer alone); any other one needs a token')
-    parser.add_argument('--token', metavar='T', help=f'token that the page asks for at sign-in, at '
+    parser.add_argument('--token', metavar='T', help='token that the page asks for at sign-in, at '
                         f'least {SHORTEST_TOKEN} characters (default: {TOKEN_VARIABLE} of the environment)')
     parser.add_argument('--archive', metavar='ARCHIVE', default='', help='show the runs of this archive first')
     add_shared(parser, '--angle-unit', '--namespace', '--domain')

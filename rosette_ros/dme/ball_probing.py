@@ -127,7 +127,7 @@ class DmeCmm:
         for warning in sent.warnings:
             if warning.number == CLAMPED:
                 raise CellError(f'{format_value(wanted)}: {warning}; expected a place that the machine reaches, it '
-                                f'went '
+                                'went '
                                 'elsewhere: see path.clearance_mm, path.box_low_mm, path.box_high_mm and the limits '
                                 'of the machine')
         return sent
@@ -216,7 +216,7 @@ class DmeCmm:
         position = await self.position()
         if not np.linalg.norm(position - steps[-1].point) <= OFF_PLACE:
             raise CellError(f'lift to the clearance plane: expected the tip at {words(1e3 * steps[-1].point)} mm, '
-                            f'found '
+                            'found '
                             f'{words(1e3 * position)} from X, Y, Z; nothing turns')
         return position
 

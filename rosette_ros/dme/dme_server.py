@@ -253,7 +253,7 @@ class DmeServer:
             self._server = await asyncio.start_server(self._serve, HOST, port, limit=wire.LONGEST)
         except OSError as error:
             raise CellError(f'port: expected a free one, found {port}: {error.strerror or error}; end what listens '
-                            f'there '
+                            'there '
                             'or choose another one with --port') from error
         return int(self._server.sockets[0].getsockname()[1])
 

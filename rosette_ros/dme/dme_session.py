@@ -98,11 +98,11 @@ class DmeSession:
                 reader, writer = await asyncio.open_connection(host, port, limit=wire.LONGEST)
         except TimeoutError:
             raise DmeLost(f'{where}: expected a connection within {timeouts.connect_s:g} s, found none; is the I++ '
-                          f'server '
+                          'server '
                           'started, and is host:port right?') from None
         except OSError as error:
             raise DmeLost(f'{where}: expected a connection, found {error.strerror or error}; is the I++ server '
-                          f'started, '
+                          'started, '
                           'and is host:port right?') from None
         connection = writer.get_extra_info('socket')
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)

@@ -144,7 +144,7 @@ class DmeSettings(Settings):
         for name in ('approach_mm', 'retract_mm'):
             if getattr(self.motion, name) > self.path.stand_off_mm:
                 raise ValueError(f'motion.{name}: expected at most path.stand_off_mm = {self.path.stand_off_mm:g}, '
-                                 f'found '
+                                 'found '
                                  f'{getattr(self.motion, name):g}')
         if self.ball.touches not in TOUCHES:
             raise ValueError(f'ball.touches: expected one of {", ".join(map(str, TOUCHES))}, found {self.ball.touches}')

@@ -70,7 +70,7 @@ def parse_csv(data: bytes, source: str = 'table', columns_of: ColumnMap | None =
     _check_units(table, places, 'radius_mm')
     if table.in_machine:
         axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in _to_table_frame(table, places))
-        notes.append(f'the table frame was fitted to all readings; its axis, about which positions and balls are '
+        notes.append('the table frame was fitted to all readings; its axis, about which positions and balls are '
                      f'counted counter-clockwise, is ({axis}) in the machine frame')
     table.centre, table.rotation = turned_frame(table.table_offset, table.centre, table.rotation)
     _check_places(table, n)
@@ -190,7 +190,7 @@ def _to_table_frame(table: CsvTable, places: Floats) -> Floats:
     axis = frame.rotation[:, 2]
     if table.rotation is not None and (off := np.arccos(np.clip(table.rotation[:, 2] @ axis, -1, 1))) > ALONG:
         raise InvalidData(f'{table.source}: table_axis: expected {words(axis)}, about which the ball centres turn, '
-                          f'found '
+                          'found '
                           f'{words(table.rotation[:, 2])}, {np.rad2deg(off):.0f} deg off; correct it, or '
                           'leave it out')
     table.rotation = frame.rotation
@@ -221,7 +221,7 @@ def _checked_plate(table: CsvTable) -> tuple[Plate, int]:
     plate, positions = plate_of_table(table.plate, table.source), table.positions
     if positions is None or not 1 <= positions <= MOST_POSITIONS:
         raise InvalidData(f'{table.source}: expected "# table_positions: ...", how many equal steps a turn of the '
-                          f'table '
+                          'table '
                           f'has (at most {MOST_POSITIONS}), found {"none" if positions is None else positions}')
     if table.balls not in (None, plate.balls):
         raise InvalidData(f'{table.source}: balls: expected {plate.balls}, as the plate file {table.plate} has, found '
@@ -263,7 +263,7 @@ def _find_balls(table: CsvTable) -> int:
             raise table.wrong(row, name, f'1..{n}', index[row], f'the heading says "# balls: {n}"')
     if last[larger] < n and np.unique(table.table_position * (n + 1) + table.ball).size == last[larger]**2:
         raise InvalidData(f'{table.source}: expected a run with {n} balls, as the heading says ("# balls: {n}"), '
-                          f'found a '
+                          'found a '
                           f'complete one with {last[larger]}; correct the heading')
     return n
 

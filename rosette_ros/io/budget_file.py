@@ -127,7 +127,7 @@ def _environment(entries: dict[str, Any], where: str) -> Environment:
     if name is None:
         if not (own or effects):
             raise InvalidData(f'{where}: expected a class ({", ".join(CLASSES)}) or some of {", ".join(KINDS)}, found '
-                              f'none')
+                              'none')
         return Environment(sizes=own, effects=effects)
     changed = f'{name}, with numbers of the cell' if own or effects else name
     return Environment(changed, {**CLASSES[name].sizes, **own}, effects)

@@ -60,11 +60,11 @@ def linuxcnc(correction: Correction, low: float, high: float, step: float, axis:
         raise InvalidConfig(
             f'correct: expected at most {LINUXCNC_LINES} lines, which LinuxCNC reads, no farther apart than {widest:g} '
             f'deg, found a range of {high - low:g} deg; LinuxCNC repeats no table, so narrow MIN_LIMIT and MAX_LIMIT '
-            f'of '
+            'of '
             f'the axis, and --range, to {math.floor(widest * (LINUXCNC_LINES - 1)):g} deg together')
     if lines > LINUXCNC_LINES:
         raise InvalidConfig(f'correct: expected at most {LINUXCNC_LINES} lines, which LinuxCNC reads, found {lines}; '
-                            f'take '
+                            'take '
                             f'--step {least:g} to {widest:g}, or a smaller --range')
     nominal = np.append(low + step * np.arange(lines - 1), high)
     trims = [-axis.deviation(correction, nominal, sense) + 0.0 for sense in (1, -1)]
@@ -145,10 +145,10 @@ def fanuc(correction: Correction, step: float, axis: Axis) -> tuple[str, list[st
             break
     else:
         raise InvalidConfig(f'correct: expected steps of at most {FANUC_STEP} times {FANUC_TIMES} detection units, '
-                            f'found '
+                            'found '
                             f'more with {axis.unit:g} deg; take a smaller --step or a larger --detection-unit')
     if not steps.any():
-        raise InvalidConfig(f'correct: expected a crz of more than half a detection unit, found less than '
+        raise InvalidConfig('correct: expected a crz of more than half a detection unit, found less than '
                             f'{axis.unit:g} '
                             'deg; state that of the controller by --detection-unit')
     lines = [f'N{10000 + place}P{value};' for place, value in enumerate((steps[-1], *steps))]
@@ -194,7 +194,7 @@ def _both_senses(correction: Correction, angle: Floats, axis: Axis, backlash: st
     forward, backward = (axis.deviation(correction, angle, sense) for sense in (1, -1))
     mean = (forward + backward) / 2
     notes = [] if correction.backward is correction.forward else [
-        f'The format has one value for both senses: it is their mean; the reversal of '
+        'The format has one value for both senses: it is their mean; the reversal of '
         f'{3600 * np.mean((forward - backward)[:-1]):.2f} arcsec (forward minus backward, mean) goes into {backlash}.']
     return angle, mean - mean[0] + 0.0, notes
 
@@ -227,6 +227,6 @@ def _check_lost(correction: Correction, nominal: Floats, step: float, size: floa
     factor, unit = SCALES['rad']
     if np.deg2rad(lost) > MOST_LOST * size:
         raise InvalidConfig(f'correct: expected lines between which straight lines lose at most {MOST_LOST:.0%} of '
-                            f'crz, '
+                            'crz, '
                             f'found --step {step:g}, which loses {factor * np.deg2rad(lost):.3g} of '
                             f'{factor * size:.3g} {unit}; take --step {widest:g} or less')

@@ -166,7 +166,7 @@ class _Sheet:
             raise InvalidData(f'{self.source}: is empty; expected a table of ball centres, {SCHEMA}')
         if b'\0' in data:
             raise InvalidData(f'{self.source}: is a binary file, or text in UTF-16; expected a table of ball centres '
-                              f'as '
+                              'as '
                               f'text, {SCHEMA}; save the table as CSV, UTF-8')
         try:
             text = data.decode('utf-8-sig')
@@ -220,7 +220,7 @@ class _Sheet:
         taken = []
         if not any(self.names):
             raise InvalidData(f'{self.source}: expected a line with the names of the columns ({",".join(COLUMNS)}), '
-                              f'found '
+                              'found '
                               'none')
         for at, name in enumerate(self.names):
             column, factor = _column(name)

@@ -3,6 +3,7 @@
 
 import math
 import re
+from collections.abc import Set
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,9 @@ def read_curves(path: str | Path) -> TableCurves:
                               f'{unit!r}')
     if len(rows) - 1 < FEWEST:
         raise InvalidData(f'{path}: expected at least {FEWEST} rows of curves, found {len(rows) - 1}')
-    numbers = np.array([_numbers(cells, len(names), path, line) for line, cells in rows[1:]])
+    numbers = np.array([_numbers(cells, names, {at, *places.values()}, path, line) for line, cells in rows[1:]])
+    if not np.isfinite(numbers[:, at]).all():
+        raise InvalidData(f'{path}: {names[at]}: expected an angle in each row, found an empty one')
     values, u = np.full((len(numbers), 6), np.nan), np.full((len(numbers), 6), np.nan)
     for (kind, curve, unit), place in places.items():
         target, factor = (u, UNITS[curve[1]][unit]) if kind else (values, UNITS[curve[1]][unit])
@@ -70,14 +73,15 @@ def _lines(path: str | Path) -> list[tuple[int, str]]:
             if line.strip() and not line.startswith('#')]
 
 
-def _numbers(cells: list[str], count: int, path: str | Path, line: int) -> list[float]:
-    """Return the cells of a row as numbers, NaN where one is no number."""
-    if len(cells) != count:
-        raise InvalidData(f'{path}: line {line}: expected {count} cells, found {len(cells)}')
-
-    def number(cell: str) -> float:
+def _numbers(cells: list[str], names: list[str], used: Set[int], path: str | Path, line: int) -> list[float]:
+    """Return the cells of a row as numbers, NaN where one is empty, or of a column that is not used."""
+    if len(cells) != len(names):
+        raise InvalidData(f'{path}: line {line}: expected {len(names)} cells, found {len(cells)}')
+    out = [math.nan] * len(cells)
+    for place in sorted(used):
         try:
-            return float(cell)
-        except ValueError:
-            return math.nan
-    return [number(cell) for cell in cells]
+            out[place] = float(cells[place].strip() or 'nan')
+        except ValueError as error:
+            raise InvalidData(f'{path}: line {line}: {names[place]}: expected a number, found {cells[place]!r:.40}'
+                              ) from error
+    return out

@@ -166,7 +166,7 @@ def _entry(section: str, name: str, value: object, where: str) -> str:
         raise InvalidData(f'{where}: expected a date such as 2026-04-12, found {value!r:.40}')
     if not isinstance(value, str):
         raise InvalidData(f'{where}: expected a text in quotes, found {value!r:.40}; without them YAML makes another '
-                          f'value '
+                          'value '
                           'of it')
     text = ' '.join(value.split())
     most = LONGEST_REMARKS if name == 'remarks' or section == 'traceability' else LONGEST
@@ -189,7 +189,7 @@ def _tolerances(given: object, where: str) -> dict[str, str]:
         is_length = re.fullmatch('ct[xyz]|E[XYZ][ABC]', str(name))
         if not is_length and not re.fullmatch('cr[xyz]|E[ABC][ABC]', str(name)):
             raise InvalidData(f'{where}: expected the name of an error such as EXC or ctx, found {name!r:.40}; a C '
-                              f'axis '
+                              'axis '
                               'has EXC, EYC, EZC, EAC, EBC, ECC, any axis ctx … crz')
         _tolerance(words, bool(is_length), f'{where}: {name}')
         found[name] = ' '.join(words.split())

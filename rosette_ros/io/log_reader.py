@@ -172,7 +172,7 @@ class LogFile:
                 for record in reader.records:
                     if is_first and not isinstance(record, Header):
                         raise InvalidData(f'{self.path}: is not an MCAP file: expected a header record first, none '
-                                          f'came')
+                                          'came')
                     is_first = False
                     self._allowance.take()
                     yield record
@@ -184,7 +184,7 @@ class LogFile:
                 place = next((one for one in self._places or () if one >= self._sound), None)
                 if is_first and (place is None or isinstance(error, InvalidMagic)):
                     raise InvalidData(f'{self.path}: is empty; expected an MCAP '
-                                      f'log' if not stream.seek(0, SEEK_END) else
+                                      'log' if not stream.seek(0, SEEK_END) else
                                       f'{self.path}: is not an MCAP file: expected it to begin with {MAGIC!r} and a '
                                       'header record') from error
                 if place is None:
@@ -223,7 +223,7 @@ class LogFile:
                        f'{self.chunks} whole chunks')
         if is_short:
             self._note(f'expected {max(stated or 0, self._least)} messages, as its summary or {bag.FILE_NAME} says, '
-                       f'found '
+                       'found '
                        f'{found}; it was damaged')
 
     def _note(self, problem: str) -> None:
@@ -235,7 +235,7 @@ class LogFile:
         """Take a record that is neither message nor chunk."""
         if isinstance(record, Header) and record.profile not in ('ros2', ''):
             raise InvalidData(f'{self.path}: profile: expected ros2, found {record.profile!r:.80}; record with ROS 2, '
-                              f'or '
+                              'or '
                               'convert the log')
         if isinstance(record, Schema):
             self._schemas[record.id] = record

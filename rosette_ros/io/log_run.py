@@ -225,7 +225,7 @@ class LogRun:
                               f'({PROBE_TARGET}), found none beside {len(self.answers)} ball centres; record both')
         if run_id is None and len(present) > 1:
             raise InvalidData(f'{self.path}: expected one run, found {len(present)}: {", ".join(present)}; choose one '
-                              f'by '
+                              'by '
                               'its run_id')
         if run_id not in (None, *present):
             raise InvalidData(f'{self.path}: expected run {run_id!r}, found {", ".join(present)}')
@@ -258,7 +258,7 @@ class LogRun:
         if not any(run.answers for run in self.runs.values()):
             topics = ', '.join(topic.name for topic in self.topics) or 'none'
             raise InvalidData(f'{source}: expected ball centres ({BALL_CENTRE}), found none in {self.messages} '
-                              f'messages '
+                              'messages '
                               f'(topics: {topics}){"".join(f"; {problem}" for problem in self.problems[:1])}')
         run = RunAssembly(self.run(run_id), source).run()
         begun = 1e-9 * self.start_ns

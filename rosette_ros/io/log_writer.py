@@ -189,7 +189,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
                              if path.suffix == '.mcap' or path.name == bag.FILE_NAME)
         except OSError as error:
             raise InvalidData(f'{self.directory}: expected a folder for the log, found {error.strerror}; choose '
-                              f'another '
+                              'another '
                               'log folder') from error
         if present:
             raise self._taken(present[0])

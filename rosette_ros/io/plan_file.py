@@ -122,7 +122,7 @@ def _of_rows(n: int, order: str, texts: Mapping[str, list[str]], source: str) ->
     session = column('session', 1, size, 1)
     for row in np.flatnonzero(~np.isin(np.diff(session, prepend=1), (0, 1)))[:1]:
         raise InvalidPlan(f'{source}: row {row + 1}: session: expected 1 in the first row and one more after each '
-                          f'pause, '
+                          'pause, '
                           f'found {session[row]}')
     touches = _checked_touches(column('touches', 0, 1000, 0), source)
     return Scheme(n, order_name(order), 0, table, ball, _senses(n, table, column('approach', -1, 1, 0)), touches,
@@ -189,7 +189,7 @@ def _table(data: bytes, source: str) -> tuple[dict[str, int | float | str], dict
     for key, text in ((key.strip(), text.strip()) for key, separator, text in notes if separator):
         if key in keys:
             raise InvalidPlan(f'{source}: expected the key {key} once, found it again: {text!r:.40}; remove one of '
-                              f'them')
+                              'them')
         if key in _HEAD:
             keys[key] = _value(text)
         elif near := meant(key, _HEAD):

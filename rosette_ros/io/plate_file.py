@@ -47,7 +47,7 @@ def parse_plate(data: bytes, path: str = 'plate') -> Plate:
     one, other = np.unravel_index(np.argmin(apart), apart.shape)
     if apart[one, other] < LEAST_PITCH:
         raise InvalidData(f'{path}: expected each ball at a place of its own, found balls {one + 1} and {other + 1} '
-                          f'at one')
+                          'at one')
     return plate
 
 

@@ -144,7 +144,7 @@ class RunAssembly:
         if not pairs:
             unused = ', '.join(f'{count} {reason}' for reason, count in self.answers.unused().items() if count)
             raise InvalidData(f'{self.source}: expected ball centres of run {self.answers.run_id!r}, found none that '
-                              f'counts'
+                              'counts'
                               f'{f" ({unused})" * bool(unused)}')
         pairs.sort(key=lambda pair: (pair[0].session, pair[1].stamp_ns, pair[1].seq))
         targets, answers = [target for target, _ in pairs], [answer for _, answer in pairs]
@@ -243,7 +243,7 @@ class RunAssembly:
         frame = self.frame()
         if frame is None:
             raise InvalidData(f'{self.source}: expected a transform from {MACHINE_FRAME} to {TABLE_FRAME} on '
-                              f'/tf_static, '
+                              '/tf_static, '
                               'found none; without it the table axis is unknown')
         with np.errstate(over='ignore', invalid='ignore'):  # absurd numbers are refused by their place
             return frame.to_inner(centre)

@@ -112,9 +112,9 @@ class CellNode(GraphNode):
             self._monitors.take()
         if elder:
             raise CellError(f'expected no other {self._own.peer} in the namespace {self.get_namespace()} of this '
-                            f'domain, '
+                            'domain, '
                             f'found process {elder.removeprefix(self._own.peer).rpartition(" ")[0].strip()}, which '
-                            f'runs; '
+                            'runs; '
                             'end that one, or give this one a namespace or domain of its own')
 
     def monitor(self, peer: str) -> NodeMonitor:

@@ -60,7 +60,7 @@ def _check_peer(peer: str) -> None:
     except (OSError, UnicodeError):
         pass
     raise CellError(f'{_PEERS}: expected names or addresses of computers, separated by ";", found {peer!r:.80}, which '
-                    f'has '
+                    'has '
                     'no address; correct it, or unset it')
 
 

@@ -236,7 +236,7 @@ def entry_of(request: AddEffect.Request) -> Mapping[str, object]:
     own = {name: getattr(request, name) for name in ('direction', 'expression', 'per') if getattr(request, name)}
     settings = {plain(one.name): _setting(one) for one in request.settings}
     if len(settings) < len(request.settings):
-        raise InvalidModel(f'settings: expected each once, found '
+        raise InvalidModel('settings: expected each once, found '
                            f'{", ".join(plain(one.name) for one in request.settings)}')
     given = [*(['settings'] if settings else ()), *own]
     if request.definition and given:

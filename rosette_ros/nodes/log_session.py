@@ -273,7 +273,7 @@ def find_part(log_dir: Path, wanted: str) -> Path:
     is_part = run_of(path.name) != path.name
     if not parts or (is_part and log_dir / path.name not in parts):
         raise InvalidData(f'resume: expected the log of a run in {log_dir}, found none named {path.name!r}; check the '
-                          f'name')
+                          'name')
     if is_part and log_dir / path.name != parts[-1]:
         raise InvalidData(f'resume: {path.name} was continued already; resume {parts[-1].name}')
     return parts[-1]

@@ -15,7 +15,7 @@ from rosette_msgs.msg import ProbeTarget
 from std_msgs.msg import Header
 
 from rosette_ros.core.run.errors import CellError, InvalidPlan, RosetteError
-from rosette_ros.core.run.geometry import TWO_PI
+from rosette_ros.core.run.geometry import travel_to
 from rosette_ros.io.messages import MACHINE_FRAME
 from rosette_ros.nodes import conversions, names
 from rosette_ros.nodes.base_node import OK, WARN, Health, run_node
@@ -69,8 +69,7 @@ class OwnCmm(CmmNode):
         self._busy_since = time.monotonic()
         try:
             probed = self._measure(target)
-            step = (target.table_angle - self._travel) % TWO_PI
-            self._travel += step - TWO_PI * (target.approach < 0 and step > 0)
+            self._travel = travel_to(self._travel, target.table_angle, target.approach)
             self._sense = target.approach or self._sense
             answer = self.answer_to(target)
             x, y, z = map(float, probed.centre)

@@ -331,11 +331,11 @@ class Recorder(CellNode):
             free, wanted = shutil.disk_usage(there).free / 1e6, self.parameters['least_free_mb']
         except OSError as error:
             raise CellError(f'{directory}: expected a folder for the log, found: {error.strerror}; choose another '
-                            f'folder '
+                            'folder '
                             '(log_dir)') from error
         if free < wanted:
             raise CellError(f'{directory}: expected {wanted} MB of room for the log (least_free_mb), found {free:.1f} '
-                            f'MB; '
+                            'MB; '
                             'make room or choose another folder (log_dir)')
 
     def _on_recall(self, request: Recall.Request, response: Recall.Response) -> Recall.Response:

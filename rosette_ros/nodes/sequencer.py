@@ -127,7 +127,7 @@ class Sequencer(ManagedNode):
 
     def _make_job(self, request: Request, recalled: Recall.Response | None) -> Job:
         if not self.is_active:
-            raise CellError(f'the sequencer is not active: no calibration starts until it is activated (ros2 lifecycle '
+            raise CellError('the sequencer is not active: no calibration starts until it is activated (ros2 lifecycle '
                             f'set {self.get_fully_qualified_name()} activate)')
         if running := self._control.job:
             raise CellError(f'run {running.run_id} is running ({running.progress}); wait for its end or cancel it')

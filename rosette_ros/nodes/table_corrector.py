@@ -83,7 +83,7 @@ class TableCorrector(CellNode):
         every = dict(zip(message.name, message.position))
         if not self._joint and len(every) > 1:
             raise InvalidData(f'joint_states: expected one joint, found {plain(", ".join(every))}; name that of the '
-                              f'table '
+                              'table '
                               '(parameter joint)')
         position = every.get(self._joint, math.nan) if self._joint else next(iter(every.values()), math.nan)
         if not math.isfinite(position):

@@ -78,7 +78,7 @@ class AccessControl:
                 return PlainTextResponse(words, 400)
         if self._names is not None and re.sub(r':[0-9]+$', '', host).strip('[]') not in self._names:
             return PlainTextResponse(f'host: expected one of {", ".join(self._names)}, found {host!r}; open the '
-                                     f'address '
+                                     'address '
                                      'that the studio printed', 403)
         if origin and origin.partition('://')[2] != host:
             return PlainTextResponse(f'origin: expected a page of this studio, found {origin!r}', 403)

@@ -400,5 +400,5 @@ def is_loopback(host: str) -> bool:
     try:
         return host == 'localhost' or ipaddress.ip_address(host).is_loopback
     except ValueError:
-        raise InvalidConfig(f'--host: expected an IP address such as 192.168.1.5, or localhost, found '
+        raise InvalidConfig('--host: expected an IP address such as 192.168.1.5, or localhost, found '
                             f'{host!r}') from None

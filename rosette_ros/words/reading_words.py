@@ -91,7 +91,7 @@ def _rounded(step: float, repeatability: float | None) -> tuple[str, str]:
 def _unit_of_time(step: float, usual: float, unit: str, in_unit: float, is_used: bool) -> tuple[str, str]:
     lost = '' if is_used else '; until then effects in time cannot be found'
     return (f'ball centres are {significant(step, 2)} s apart, {"quicker" if step < usual else "slower"} than a CMM '
-            f'measures and the table turns', f'is time_s in {unit}, which would be {significant(in_unit, 2)} s? give '
+            'measures and the table turns', f'is time_s in {unit}, which would be {significant(in_unit, 2)} s? give '
             f'seconds{lost}')
 
 

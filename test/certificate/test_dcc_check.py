@@ -104,7 +104,7 @@ def test_what_was_changed_is_said(old, new, words):
     with pytest.raises(InvalidData, match=re.escape(words)) as refused:
         verified('clean', data)
     assert str(refused.value).startswith(f'cert.xml: expected the certificate of {made("clean")[0][0]}, found another '
-                                         f'one: '
+                                         'one: '
                                          'its content was changed after it was made (its own SHA-256 differs)')
 
 

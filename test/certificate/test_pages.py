@@ -144,7 +144,7 @@ def test_letters_of_every_script_are_set_or_refused_by_name():
     for name, script in (('株式会社 計量', 'cjk'), ('カメラ', 'katakana'), ('측정', 'hangul'), ('मापन', 'devanagari'),
                          ('قياس', 'arabic'), ('מדידה', 'hebrew'), ('วัด', 'thai'), ('A\u0336B', 'combining'),
                          ('📏', 'straight')):
-        with pytest.raises(InvalidData, match=f'--pdf: expected letters that its font can set, found .* named '
+        with pytest.raises(InvalidData, match='--pdf: expected letters that its font can set, found .* named '
                                               f'.*{script}'):
             page(name)
 

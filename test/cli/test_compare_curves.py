@@ -46,3 +46,10 @@ def test_a_table_without_curves_says_what_is_wanted(tmp_path):
     path.write_text('angle,ctz_inch\n0,1\n')
     with pytest.raises(InvalidData, match="expected the unit of ctz as one of m, mm, um, nm, found 'inch'"):
         read_curves(path)
+    rows = [f'{angle},1,note' for angle in range(0, 360, 60)]
+    path.write_text('\n'.join(['angle,ctz_um,remark', *rows, '30,1O,typing error']))
+    with pytest.raises(InvalidData, match="maker.csv: line 8: ctz_um: expected a number, found '1O'"):
+        read_curves(path)
+    path.write_text('\n'.join(['angle,ctz_um,remark', *rows, ',1,']))
+    with pytest.raises(InvalidData, match='maker.csv: angle: expected an angle in each row, found an empty one'):
+        read_curves(path)

@@ -106,7 +106,7 @@ def test_a_run_cancelled_at_its_begin_is_told_as_that(rosette, tmp_path, answers
 def test_a_folder_of_runs_is_no_run(refused, folder, tmp_path):
     """They are named."""
     assert (f'{folder}: expected a run, found a folder of 2: drift.csv, clean.csv; name one of them (rosette runs '
-            f'lists '
+            'lists '
             'them)') in refused('evaluate', folder)
     assert 'expected a folder of runs that can be read, found No such file' in refused('runs', tmp_path / 'none')
 

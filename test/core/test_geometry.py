@@ -8,7 +8,17 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rosette_ros.core.run.errors import NotDeterminable
-from rosette_ros.core.run.geometry import Frame, rigid_motion, rotate_z, rotation_matrix, same_angles, table_frame, wrap
+from rosette_ros.core.run.geometry import (
+    TWO_PI,
+    Frame,
+    rigid_motion,
+    rotate_z,
+    rotation_matrix,
+    same_angles,
+    table_frame,
+    travel_to,
+    wrap,
+)
 
 NANOMETRE = 1e-9
 component = st.floats(-3, 3)
@@ -106,3 +116,13 @@ def test_table_angles_are_the_same_within_a_microradian_and_whole_turns():
     assert not same_angles(angle, angle[:2])
     assert not same_angles(angle, angle[[0, 2, 1]])
     assert not same_angles(angle, np.array([0.0, np.nan, 4.0]))
+
+
+@pytest.mark.parametrize('approach', [0, 1, -1])
+def test_a_table_that_stands_does_not_turn_by_the_rounding_of_its_angle(approach):
+    """Twelve balls at each of twelve positions, three turns in one sense: 3 x 360 deg less the first step."""
+    travel, step = 0.0, TWO_PI / 12
+    for turn in range(3 * 12):
+        for _ in range(12):
+            travel = travel_to(travel, (turn % 12) * step * (-1 if approach < 0 else 1), approach)
+    assert travel == pytest.approx((35 * step) * (-1 if approach < 0 else 1), abs=1e-9)

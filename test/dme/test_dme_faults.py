@@ -304,7 +304,7 @@ def test_an_error_before_the_ball_is_reached():
 def test_a_clamped_move_is_an_error_of_it(name):
     """In words; the tip goes up, the next ball is measured."""
     stopped_by(f'touch [0-9]+: {name}.*: error 0504 .*: clamped; expected a place that the machine '
-               f'reaches', person=False,
+               'reaches', person=False,
                **{name: at(4, lambda tag, asked: error(tag, 1, 504, 'clamped'))})
 
 

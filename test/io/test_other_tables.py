@@ -105,7 +105,7 @@ def test_wrong_units_are_named_with_their_factor():
                                rf'R = .*; these are {unit}, of {factor:g} mm: name the columns x_{unit}, y_{unit}, z'):
                 parse(scaled)
             with pytest.raises(InvalidData, match=f'radius_mm: expected about 182.5 mm, .* is {unit}, of {factor:g} '
-                                                  f'mm'):
+                                                  'mm'):
                 parse(text.replace('radius_mm: 182.5', radius))
             both = parse(scaled.replace('radius_mm: 182.5', radius))
             remarks = list(map(remark_words, both.remarks))

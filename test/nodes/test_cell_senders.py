@@ -237,7 +237,7 @@ def test_a_second_node_of_a_role_ends_and_disturbs_nothing(cell, client, undistu
     where = f'process {cell.processes[name].popen.pid} on {socket.gethostname()}'
     assert (seconds[0].returncode, [line for line in said.splitlines() if not line.startswith('[')]) == (2, [
         f'{name}: expected no other {name} in the namespace /rosette of this domain, found {where}, which runs; end '
-        f'that '
+        'that '
         'one, or give this one a namespace or domain of its own'])
     assert outcome.success, outcome.message
     assert outcome.message == undisturbed.message and not is_held(told)

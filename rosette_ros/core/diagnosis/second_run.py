@@ -97,7 +97,7 @@ def refuse_same(run: Run, searched: Run) -> None:
     same = int(np.count_nonzero(apart < SAME_READING))
     if run.n == searched.n and cells.size and same >= SAME_SHARE * cells.size:
         raise InvalidData(f'{run.source}: expected another run as a check, found {same} of {cells.size} readings that '
-                          f'are '
+                          'are '
                           f'those of {searched.source}, in which the effects were found; measure again')
 
 

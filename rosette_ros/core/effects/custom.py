@@ -119,7 +119,7 @@ def _check(node: ast.expr, depth: int) -> None:
         case ast.Call(func=ast.Name(id=name), args=inner, keywords=keywords):
             if name not in FUNCTIONS or len(inner) != 1 or keywords:
                 raise InvalidModel(f'expression: expected functions of one argument among {", ".join(FUNCTIONS)}, '
-                                   f'found '
+                                   'found '
                                    f'{name!r}')
         case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=int() | float() as power)) if (
                 not isinstance(power, bool) and abs(power) <= LARGEST_POWER):
@@ -218,7 +218,7 @@ class CustomTerm(PhysicalEffect):
         """Return the term of a mapping with own, direction, expression and per; raise InvalidModel."""
         unknown = set(mapping) - {'own', 'direction', 'expression', 'per'}
         if unknown:
-            raise InvalidModel(f'custom term: expected the keys own, direction, expression, per, '
+            raise InvalidModel('custom term: expected the keys own, direction, expression, per, '
                                f'found {sorted(map(str, unknown))[0]!r}')
         name = mapping.get('own')
         if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:

@@ -147,7 +147,7 @@ def searched(name: str, run: Run, model: Model, conditions: Mapping[str, float] 
     posterior, causes = search.posterior, causes_in(search)
     places: dict[tuple[str, ...], tuple[Place, ...]] = {}
     for names, noise in posterior.keys:
-        if noise == posterior.keys[0][1]:
+        if noise == posterior.best[1]:
             places.setdefault(tuple(dict.fromkeys(names)), posterior.places((names, noise)))
     kept = {names: places[names] for names in causes.hypotheses if names in places}
     known = run.temperature[np.isfinite(run.temperature)]

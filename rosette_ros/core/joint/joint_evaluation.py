@@ -283,7 +283,7 @@ def _refuse_twice(runs: Sequence[Readings]) -> None:
             same = int(rows.size and 1 + np.count_nonzero(np.diff(rows) > 0))  # in the same order, too
             if same == run.size == other.size:
                 raise InvalidData(f'{other.source} and {run.source}: expected different runs, found the same ball '
-                                  f'centres '
+                                  'centres '
                                   'in both; leave one out')
             if same >= SAME_SHARE * short.size:
                 raise InvalidData(f'{short.source}: expected another run than {long.source}, found {same} of its '

@@ -71,7 +71,7 @@ class Plate:
                               f'{other}')
         if len({*found}) < len(found):
             raise InvalidData(f'{self.source}: expected each ball at a place of its own of {positions}, found two at '
-                              f'one')
+                              'one')
         return tuple(found)
 
     @property

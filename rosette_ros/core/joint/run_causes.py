@@ -29,8 +29,6 @@ SHAPED = 12
 """Causes of a run of which sizes and constants are kept: those that its readings speak for most."""
 AGAIN = 5
 """Likeliest hypotheses of a run beside which every cause is looked for: one of them may be that of the cell."""
-Value = float | str
-"""Of a constant of a law."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +170,7 @@ def _searched_again(posterior: Posterior, found: Mapping[Key, float]) -> dict[Ke
 
     The search looks for what joins its best hypothesis; the cell may know that another one is true."""
     out: dict[Key, float] = {}
-    noise = posterior.keys[0][1]
+    noise = posterior.best[1]
     likely = [key for key in posterior.keys if key[1] == noise and posterior.p[key] > LISTED][:AGAIN]
     for key in likely:
         state = _without(posterior, key)

@@ -66,12 +66,12 @@ def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
         got = ', '.join(f'{counted(int(at[one - 1]), "ball")} at table position {one}' for one in poor[:NAMED].tolist())
         more = f' and fewer than 3 at {poor.size - NAMED} more' if poor.size > NAMED else ''
         raise InvalidPlan(f'{source}: does not determine the curves: expected at least 3 different balls at each of '
-                          f'the '
+                          'the '
                           f'table positions 1 .. {n}, found {got}{more}; add readings there')
     fewest = 3 * n + balls.size + positions.size - 6
     if pairs.size < fewest:
         raise InvalidPlan(f'{source}: does not determine the curves: expected at least {fewest} different pairs of '
-                          f'table '
+                          'table '
                           f'position and ball for {balls.size} balls and {counted(positions.size, "CMM position")} in '
                           f'use, found {pairs.size}; add readings')
     if n > MOST_RANKED:

@@ -211,7 +211,7 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
         if name not in present.shares:
             why = EFFECTS[name].unavailable(present.run) if name in EFFECTS else 'it is a form without a name'
             raise NotDeterminable(f'{name}: expected an effect that the cell of this run can have, found one that no '
-                                  f'order '
+                                  'order '
                                   f'shows: {why}')
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
     every = tuple(advise_order(plan(n, name, seed, turning, balls=balls), radius, sigma, wanted, names=wanted,

@@ -45,7 +45,7 @@ def refuse_other_axis(found: Frame, taught: Frame) -> None:
     axis, wanted = found.rotation[:, 2], taught.rotation[:, 2]
     if axis @ wanted < np.cos(OTHER):
         raise NotDeterminable(f'expected the table to turn counter-clockwise about the taught axis {words(wanted)}, '
-                              f'found '
+                              'found '
                               f'{words(axis)} from the ball centres; correct table.axis')
 
 
@@ -66,7 +66,7 @@ def refuse_other_sense(found: Frame, axis: ArrayLike, plane: ArrayLike) -> None:
     if apart > APART and left < 0.2 * apart:
         raise NotDeterminable(
             f'expected ball 1 at one place of the plate as the table turns, found places {1e6 * apart:.3g} um apart, '
-            f'and '
+            'and '
             f'balls to {1e6 * left:.2g} um for a table that turns the other way; correct the sense in which the angle '
             'of the table counts (I++: table.sign), or table.axis')
 
@@ -106,7 +106,7 @@ def rotation_of(axis: ArrayLike, x: ArrayLike | None = None) -> Floats:
     along = unit_axis(x)
     if abs(z @ along) > 1e-3:
         raise InvalidData(f'expected x perpendicular to the axis, found {np.rad2deg(np.arccos(z @ along)):.2f} deg '
-                          f'between '
+                          'between '
                           'them')
     return rotation_along(z, along)
 

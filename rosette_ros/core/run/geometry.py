@@ -200,7 +200,7 @@ def _normal(points: Floats, what: str) -> Floats:
     singular, vectors = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
     if singular[1] < 1e-6 * singular[0] or singular[0] == 0:
         raise NotDeterminable(f'{what}: expected points that span a plane, found points on a line; measure more '
-                              f'positions')
+                              'positions')
     return np.asarray(vectors[2])
 
 
@@ -214,3 +214,13 @@ def _circle_centre(points: Floats, normal: Floats) -> Floats:
     matrix = np.column_stack([2 * flat, np.ones(len(flat))])
     centre = np.linalg.lstsq(matrix, (flat**2).sum(axis=1), rcond=None)[0][:2]
     return np.asarray(mean + centre[0] * u + centre[1] * v)
+
+
+def travel_to(travel: float, angle: float, approach: int) -> float:
+    """Return the travel of a table, rad, that turns from a travel to an angle, rad, in the sense of approach (else
+    forward); where it stands there already it stays."""
+    off = float(wrap(angle - travel))
+    if abs(off) <= SAME_ANGLE:
+        return travel + off
+    step = (angle - travel) % TWO_PI
+    return travel + (step - TWO_PI if approach < 0 else step)

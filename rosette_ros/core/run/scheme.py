@@ -65,7 +65,7 @@ class Scheme:
         step = 360 / self.n
         if not 0 <= self.table_offset < np.deg2rad(step) * (1 - 1e-9):
             raise InvalidPlan(f'table offset: expected 0 to below {step:.6g} deg, the step of {self.n} table '
-                              f'positions, '
+                              'positions, '
                               f'found {np.rad2deg(self.table_offset):.6g} deg')
         for name, usual in (('touches', 0), ('session', 1), ('wait', 0.0)):
             if getattr(self, name) is None:

@@ -42,7 +42,7 @@ class Correction:
             gaps = np.diff(angle, append=angle[:1] + TWO_PI)
             if angle.size < LEAST_ANGLES or gaps.max() > 1.5 * TWO_PI / angle.size:
                 raise InvalidData(f'correction: expected error motions at {LEAST_ANGLES} equally spaced angles or '
-                                  f'more, '
+                                  'more, '
                                   f'found {angle.size} with gaps up to {np.rad2deg(gaps.max(initial=0)):.0f} deg')
             if not np.isfinite(motions.values).all():
                 raise InvalidData('correction: expected finite error motions, found some that are not known')

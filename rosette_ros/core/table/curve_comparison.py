@@ -75,7 +75,7 @@ def compare_curves(first: TableCurves, second: TableCurves) -> CurveComparison:
     straight line; raises InvalidData where they have no curve in common."""
     both = first.known & second.known
     if not both.any():
-        raise InvalidData(f'compare-curves: expected curves that both have, found '
+        raise InvalidData('compare-curves: expected curves that both have, found '
                           f'{", ".join(f"{one.name} with {_list(one.known)}" for one in (first, second))}')
     angle = min((first, second), key=lambda one: one.angle.size).angle
     sides, interpolated = [], ''

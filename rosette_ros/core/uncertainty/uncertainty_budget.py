@@ -350,7 +350,7 @@ def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
             continue
         if not is_recorded and not inputs.value(section, 'range_K'):
             raise InvalidData(f'{run.source}: budget: {section}: expected range_K, as no temperature is recorded, '
-                              f'found '
+                              'found '
                               'none')
         rows = (course[:, None] * (run.radius * radial(run.alpha)))[None] if section == 'plate_expansion' else np.stack(
             [course[:, None] * np.eye(3)[axis] for axis in range(3)])

@@ -188,7 +188,7 @@ def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) 
         if not same_angles(fit.error_motions.angle, angle):
             raise InvalidData(f'{source.path}: expected table angles from {np.rad2deg(angle[0]):.6g} deg on as in '
                               f'{runs[0][1].path}, found them from {np.rad2deg(fit.error_motions.angle[0]):.6g} deg '
-                              f'on; '
+                              'on; '
                               'take runs at the same angles')
     members = tuple(VerificationRun(label, fit, source, apart)
                     for (label, apart), (fit, source) in zip(ROLES, runs, strict=False))
