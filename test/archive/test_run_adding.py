@@ -108,7 +108,7 @@ def test_what_is_known_is_not_read_again(logs, archive):
 @pytest.mark.parametrize('share', [0, 0.5])
 def test_rows_of_a_damaged_part_are_restored_by_adding_again(logs, archive, share):
     """Its logs are not known any more, and are evaluated as new ones; the others are not."""
-    before = rows(archive, 'causes')
+    before = rows(archive)
     one = add_logs(archive, find_logs([str(logs)])[:1], PlainLoop(), CREEP)
     assert (one.new, archive.read_rows().num_rows) == (1, 4)
     broken = archive.parts[0]  # of some of the three logs
@@ -117,7 +117,7 @@ def test_rows_of_a_damaged_part_are_restored_by_adding_again(logs, archive, shar
     again = RunArchive(archive.folder)
     assert again.read_rows().num_rows == 4 - lost
     assert add_logs(again, find_logs([str(logs)]), PlainLoop()).new == lost
-    assert [row for row in rows(again, 'causes') if row['model_hash'] == before[0]['model_hash']] == before
+    assert [row for row in rows(again) if row['model_hash'] == before[0]['model_hash']] == before
 
 
 def test_what_was_stated_stays_under_another_model(logs, tmp_path):
@@ -369,9 +369,9 @@ def test_a_killed_worker_costs_time_only(logs, filled, tmp_path):
             process.wait()
     plain = RunArchive(tmp_path / 'plain', make=True)
     add_logs(plain, find_logs([str(more)]), PlainLoop())
-    for one, other in zip(rows(archive, 'causes'), rows(plain, 'causes'), strict=True):
+    for one, other in zip(rows(archive), rows(plain), strict=True):
         assert {key: (value, other[key]) for key, value in one.items() if value != other[key]} == {}
-    assert rows(plain, 'path', 'stamp', 'causes')[:3] == rows(filled, 'path', 'stamp', 'causes')
+    assert rows(plain, 'path', 'stamp')[:3] == rows(filled, 'path', 'stamp')
 
 
 def free_port():

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log evidence of hypotheses: against dense normal densities, and what it says of runs whose truth is known."""
 
+import pickle
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -15,8 +17,8 @@ from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
-from rosette_ros.core.sight.bank import Bank, CoordinateSpace, columns_of, families_of
-from rosette_ros.core.sight.priors import with_priors
+from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, columns_of, families_of
+from rosette_ros.core.sight.priors import log_found, with_priors
 
 RADIUS = 0.18
 NOISES = {'white': (np.ones(3), 0.0, np.zeros(3)), 'unequal': (np.array([1.0, 1.0, 2.0]), 0.0, np.zeros(3)),
@@ -187,3 +189,10 @@ def test_what_an_order_hides_is_no_hypothesis():
     """In order row the drifts of the frame and of the zero are hidden: nothing is said of them, and nothing ends."""
     offered = {one.family.name for one in evidence_of(run_of(6, 'row')).empty.offers()}
     assert not offered & {'frame_drift', 'table_zero_drift', 'table_backlash'} and 'plate_warp' in offered
+
+
+def test_a_motion_without_a_name_has_none_in_another_process():
+    """It was one with a name there, with the prior of these."""
+    family = CauseFamily(FREE, 'time | frame', ())
+    there = pickle.loads(pickle.dumps(family))
+    assert there.is_free and log_found(there) == log_found(family)

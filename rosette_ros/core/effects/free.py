@@ -197,6 +197,10 @@ class FreeEffect(Effect):
                 Searched('kind', '', 'how quickly it changes with them'),
                 Searched('along', '', 'which body moves along what'))
 
+    def __reduce__(self) -> str:
+        """Return the name by which another process finds the one object of this class."""
+        return 'FREE'
+
     def families(self, run: Run) -> Iterator[tuple[str, tuple[Setting, ...]]]:
         """Yield the variables, with the body that moves, and the settings of each; of one place all bodies together."""
         for name, some in self._of_variables(run):
