@@ -63,7 +63,7 @@ KINDS = {
     'clean': (clean, {Outcome.FITS}),
     'hidden effect': (lambda: clean(DRIFT), {Outcome.NAMED}),
     'repeatability of half the noise': (drawn_anew, {Outcome.SCATTERS}),
-    'rounded': (rounded, {Outcome.SCATTERS, Outcome.NAMED, Outcome.UNNAMED}),
+    'rounded': (rounded, {Outcome.DOUBTFUL_READINGS}),
     'incomplete': (lambda: clean().take(slice(0, BALLS**2 - BALLS)), {Outcome.FITS}),
     'no repeatability': (lambda: clean().replace(repeatability=None), {Outcome.NO_REPEATABILITY}),
     'hidden effect, no repeatability': (lambda: clean(DRIFT).replace(repeatability=None), {Outcome.NAMED}),

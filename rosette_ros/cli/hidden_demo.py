@@ -95,7 +95,7 @@ def show_runs(out: Console, paths: Sequence[Path]) -> None:
     every = [shown(path) for path in paths]
     out.print(f'\n{len(every)} runs of one machine. To find out what comes again in them:')
     out.print(f'  {escape(command("diagnose", *every))}', soft_wrap=True)
-    out.print(f'What was hidden:\n  {escape(command("envelope", every[0]))}', soft_wrap=True)
+    out.print(f'Their envelope, with the hidden effects:\n  {escape(command("envelope", every[0]))}', soft_wrap=True)
 
 
 def show_added(out: Console, log_path: Path, planned: int) -> None:

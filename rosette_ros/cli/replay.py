@@ -135,7 +135,7 @@ def replay(player: 'LogPlayer', options: argparse.Namespace, log: LogRun,
 
 
 def show(out: Console, run_id: str, published: PublishedMotions, expected: Expected) -> bool:
-    """Print the curves received, the result where it is expected; return whether they differ from those expected."""
+    """Print the curves received, of the result if these are compared; return whether they differ from the log."""
     got, wanted, which = published.judged, expected.result, published.which
     if got is None or wanted is None:
         got, wanted, which = published.modelled, expected.motions, Which.MODELLED

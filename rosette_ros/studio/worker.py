@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from rosette_ros.core.run.errors import RosetteError, one_line
 from rosette_ros.core.run.number_words import angle_unit, show_angles
+from rosette_ros.core.run.typed_words import typed
 
 T = TypeVar('T')
 VALUE, ERROR = 'value', 'error'
@@ -125,8 +126,10 @@ def _work(sender: Connection, function: Callable[..., object], arguments: tuple[
         resource = importlib.import_module('resource')
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     try:
-        sender.send((VALUE, function(*arguments, **options, **{
-            name: lambda *values, name=name: sender.send((name, values)) for name in calls})))
+        with typed():  # the studio is a command
+            value = function(*arguments, **options, **{
+                name: lambda *values, name=name: sender.send((name, values)) for name in calls})
+        sender.send((VALUE, value))
     except RosetteError as error:
         sender.send((ERROR, error))
     except MemoryError:

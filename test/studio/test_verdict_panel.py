@@ -87,6 +87,6 @@ def test_the_way_of_a_run_that_was_measured_until_it_is_known():
         panel.show(controller.session.current)
         shown = [one for one in client.elements.values() if one.props.get('data-testid') == 'way']
         assert shown[0].visible
-        panel.show(replace(controller.session.current, source=None))
+        panel.show(replace(controller.session.current, logged=None))
         assert not shown[0].visible
     assert '<svg' in controller.answer('way')
