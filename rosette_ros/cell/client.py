@@ -90,6 +90,8 @@ class GraphClient:
             raise CellError(f'{name}: {where}: cannot be joined: {error}') from error
         self._executor = make_executor(context=self._context)
         self._executor.add_node(self._node)
+        self._is_closed = threading.Event()
+        self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -99,9 +101,25 @@ class GraphClient:
 
     def close(self) -> None:
         """Leave the graph."""
+        self._is_closed.set()
+        if self._thread is not None:
+            self._thread.join()
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
+
+    def spin_beside(self, name: str, then: Callable[[], object] = lambda: None) -> None:
+        """Run callbacks, and `then` after each, in a thread of its own until `close`.
+
+        It ends with the main thread, too: one that is still within rclpy while Python ends aborts the process."""
+
+        def spin() -> None:
+            while threading.main_thread().is_alive() and not self._is_closed.is_set():
+                self._executor.spin_once(timeout_sec=_STEP)
+                then()
+
+        self._thread = threading.Thread(target=spin, name=name)
+        self._thread.start()
 
     def _spin_until(self, condition: Callable[[], Any], timeout: float) -> Any:
         """Run callbacks until the condition holds, at most for `timeout` s; return what it returned last."""
@@ -302,15 +320,7 @@ class HangDetector(GraphClient):
         self._every = NodeMonitors(self._node)
         self._monitors = [self._every.of(name) for name in cell.processes]
         self._heard_none = time.monotonic()
-        self._is_closed = threading.Event()
-        self._thread = threading.Thread(target=self._spin, name='hang detector', daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._is_closed.set()
-        self._thread.join()
-        super().close()
+        self.spin_beside('hang detector', self._every.watch)
 
     def hanging(self) -> list[str]:
         """Return the nodes whose present process has published statuses, but none for STATUS_HANGS.
@@ -324,11 +334,6 @@ class HangDetector(GraphClient):
             return []
         return [monitor.peer for monitor in self._monitors if monitor.silence > qos.STATUS_HANGS
                 and monitor.process.startswith(started(monitor.peer, self._processes[monitor.peer].popen.pid))]
-
-    def _spin(self) -> None:
-        while not self._is_closed.is_set():
-            self._executor.spin_once(timeout_sec=_STEP)
-            self._every.watch()
 
 
 def outcome_of(response: Any) -> CalibrationOutcome:

@@ -61,7 +61,7 @@ class StatusPublisher:
         self.process = f'{started(node.get_name(), os.getpid())}on {socket.gethostname()} {own}'
         self._began = self._published = time.monotonic()
         self._served, self._is_ended = 0.0, threading.Event()
-        self._thread = threading.Thread(target=self._run, name='status', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='status')
 
     def describe(self, level: bytes, sentence: str, values: Mapping[str, object]) -> None:
         """Say what the node does from now on."""
@@ -111,7 +111,7 @@ class StatusPublisher:
 
     def _run(self) -> None:
         self.publish()
-        while not self._is_ended.wait(qos.STATUS_PERIOD):
+        while threading.main_thread().is_alive() and not self._is_ended.wait(qos.STATUS_PERIOD):
             if self.busy <= self.longest:
                 self.publish()
 

@@ -44,22 +44,19 @@ class CellWatcher(GraphClient):
         self.outcome: CalibrationOutcome | None = None
         self.problem = ''
         self._cell, self._requests = (domain_id, namespace), ThreadPoolExecutor(1, 'calibrate')
-        self._is_closed, self._cancel = threading.Event(), threading.Event()
+        self._cancel = threading.Event()
         self._job: Future[None] | None = None
         super().__init__('studio', domain_id, namespace, make_executor,
                          cli_args=['--ros-args', *names.remap_arguments(names.remappings(namespace))])
         for topic, kind, profile in TOPICS:
             resolved = self._node.resolve_topic_name(topic)
             self._node.create_subscription(kind, topic, partial(self._receive, resolved), profile)
-        self._thread = threading.Thread(target=self._spin, name='cell watcher', daemon=True)
-        self._thread.start()
+        self.spin_beside('cell watcher')
 
     def close(self) -> None:
         """Leave the graph; a calibration that was requested here is cancelled."""
         self._cancel.set()
         self._requests.shutdown(wait=True)
-        self._is_closed.set()
-        self._thread.join()
         super().close()
 
     # Calibrations
@@ -100,10 +97,6 @@ class CellWatcher(GraphClient):
             self.problem = one_line(error)
 
     # Subscriptions
-
-    def _spin(self) -> None:
-        while not self._is_closed.is_set():
-            self._executor.spin_once(timeout_sec=0.1)
 
     def _receive(self, topic: str, message: Any) -> None:
         with self.lock:

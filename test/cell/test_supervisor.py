@@ -151,6 +151,15 @@ def test_no_node_outlives_a_cell_that_is_asked_to_end(cell_command):
     assert not any(map(is_alive, nodes))
 
 
+def test_a_process_that_spins_ends_with_its_own_exit_code(domain_id):
+    """Whatever ends it before it has left the graph: a thread that Python ended within rclpy aborted it."""
+    code = ('import sys\nfrom rosette_ros.cell.client import GraphClient\n'
+            'from rosette_ros.nodes.base_node import make_executor\n'
+            f'GraphClient("left", {domain_id}, "rosette", make_executor).spin_beside("spin")\nsys.exit(3)')
+    ended = subprocess.run([sys.executable, '-c', code], stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (ended.returncode, ended.stderr) == (3, '')
+
+
 def test_the_command_restarts_and_ends_in_order(cell_command, wait_until):
     """A killed node is told and comes back; SIGTERM ends all of it in order."""
     process, output = cell_command
