@@ -431,7 +431,8 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
 def weak_effects(every: Table, most: int) -> Table:
     """Return of a table of `visibility` the effects to which the order has a low sensitivity, the lowest first."""
     shares = next(one.values for one in every.columns if one.key == 'typical_visible_fraction')
-    weak = sorted((row for row in range(len(shares)) if every.level(row)), key=lambda row: shares[row])
+    weak = sorted((row for row in range(len(shares)) if every.level(row)),
+                  key=lambda row: 0.0 if every.level(row) is Level.BAD else shares[row])
     more = f', the first {most}' * (len(weak) > most)
     return replace(every.only(weak[:most]), name='weak',
                    title=f'Low sensitivity of this order: {len(weak)} of {counted(len(shares), "effect")}{more}')

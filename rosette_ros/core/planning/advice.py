@@ -13,7 +13,15 @@ from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.records import Floats, Ints, Run
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
 from rosette_ros.core.run.touches import USUAL, USUAL_PACE, Pace
-from rosette_ros.core.sight.visibility import GOOD_SHARE, Share, Visibility, visibility, visible_share, visible_shares
+from rosette_ros.core.sight.visibility import (
+    GOOD_SHARE,
+    Share,
+    Visibility,
+    is_same_share,
+    visibility,
+    visible_share,
+    visible_shares,
+)
 from rosette_ros.core.uncertainty.hidden_effects import expected_u
 from rosette_ros.core.uncertainty.stated_environment import Environment
 
@@ -100,7 +108,9 @@ class OrderAdvice:
         if all(one.reason for one in some):
             raise NotDeterminable('expected effects that an order can show, found ' + '; '.join(
                 f'{one.name}: {one.reason}' for one in some))
-        return min((one for one in some if not one.reason), key=lambda one: one.typical_share)
+        judged = [one for one in some if not one.reason]
+        least = min(one.typical_share for one in judged)
+        return next(one for one in judged if is_same_share(one.typical_share, least))
 
     def shows(self, names: Sequence[str], least: float) -> bool:
         """Return whether the typical share of none of some effects is smaller; the first that is ends the search."""

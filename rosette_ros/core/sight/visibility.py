@@ -84,12 +84,12 @@ def visible_shares(run: Run, terms: tuple[str, ...] = BASE_TERMS, names: tuple[s
 def strongest_first(run: Run, names: Sequence[str], terms: tuple[str, ...] = BASE_TERMS) -> tuple[str, ...]:
     """Return effects of one size by what they do to the curves of a run, at a ball, the largest bias first.
 
-    Effects of one bias, up to the rounding of the processor, stay in the order of the library."""
+    Effects of one bias, to a millionth of what moves the balls, stay in the order of the library."""
     if not names:
         return ()
     bias = {one.name: float(np.max(one.bias * np.repeat([1.0, run.radius], 3)))
             for one in _of_unit_noise(run, tuple(terms), tuple(names))}
-    return tuple(sorted(names, key=lambda name: -float(f'{bias[name]:.6g}')))
+    return tuple(sorted(names, key=lambda name: -round(bias[name], 6)))
 
 
 @lru_cache(maxsize=4096)
@@ -100,14 +100,15 @@ def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> S
         return Share(name, 0.0, 0.0, Setting(), (), reason)
     settings, space = effect.settings(run), _space(run, terms)
     bank = Bank(run, [CauseFamily(effect, name, settings)])
-    every = sorted(zip(settings, bank.shares(bank.left(space))[0].tolist()), key=lambda pair: pair[1])
+    every = list(zip(settings, bank.shares(bank.left(space))[0].tolist()))
     setting, share = _typical(every)
     choices = [one.name for one in effect.searched if one.kind == 'choice']
     alike = defaultdict[tuple[object, ...], list[tuple[Setting, float]]](list)
     for one in every:
         alike[tuple([one[0].get(name) for name in choices])].append(one)
     typical = tuple(_typical(some)[0] for some in alike.values())
-    return Share(name, every[-1][1], share, setting, typical[::-(-len(typical) // MOST_CHOICES)], '')
+    best = max(share for _, share in every)
+    return Share(name, best, share, setting, typical[::-(-len(typical) // MOST_CHOICES)], '')
 
 
 @lru_cache(maxsize=1)
@@ -116,9 +117,17 @@ def _space(run: Run, terms: tuple[str, ...]) -> CoordinateSpace:
     return CoordinateSpace(BaseSpace(run, run.radius, terms), np.zeros((0, run.size, 3)))
 
 
-def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
-    """Return the setting of the median share, and that share."""
-    return rising[len(rising) // 2]
+def _typical(every: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
+    """Return the first setting of the median share, and that share."""
+    median = sorted(share for _, share in every)[len(every) // 2]
+    return next(setting for setting, share in every if is_same_share(share, median)), median
+
+
+def is_same_share(one: float, other: float) -> bool:
+    """Return whether the squares of two shares are equal to half the digits of the columns, which are single.
+
+    What lies nearer together is in another order on each kind of processor."""
+    return bool(abs(one**2 - other**2) < np.sqrt(np.finfo(np.float32).eps))
 
 
 @lru_cache(maxsize=64)
