@@ -49,6 +49,17 @@ def test_no_experience_changes_nothing():
     assert Model(experience=KNOWN).hash == Model().hash and Model().experience is None
 
 
+def test_a_run_teaches_what_it_says_alone():
+    """Searched with experience or without it, a run says the same, and keeps the same text: nothing is learnt twice."""
+    for run in (measured(0.5), measured(0.0)):
+        before, after = (causes_in(search_of(run, model)) for model in (Model(), Model(experience=KNOWN)))
+        said, likely = (dict(zip(one.hypotheses, one.log_evidence - one.log_evidence.max())) for one in (before, after))
+        assert before.alone['frame_drift'] == pytest.approx(after.alone['frame_drift'], abs=0.02)
+        assert all(value == pytest.approx(likely[names], abs=0.1) for names, value in said.items() if value > -4)
+        for name, prior in before.log_prior.items():
+            assert after.log_prior.get(name, prior) == pytest.approx(prior)
+
+
 def test_what_runs_teach():
     """Three runs of a cell that drifts: its rate, and in how many runs it was."""
     runs = [causes_in(search_of(measured(2.0, seed))) for seed in (1, 2, 3)]

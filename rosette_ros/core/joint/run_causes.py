@@ -113,18 +113,19 @@ def is_constant(one: Searched) -> bool:
 
 
 def causes_in(search: RunSearch) -> RunCauses:
-    """Return what a run says of causes."""
-    posterior, bank = search.posterior, search.readings.bank
-    families = {one.name: one for one in bank.families}
-    found = {key: posterior.log_evidence(key) for key in posterior.keys}
+    """Return what a run says of causes by itself: experience of the cell adds nothing, so that no run teaches again
+    what earlier ones have taught."""
+    posterior, alone = search.posterior, search.posterior.alone
+    families = {one.name: one for one in search.readings.bank.families}
+    found = {key: alone.log_evidence(key) for key in alone.keys}
     if not search.noiseless:
-        found |= _searched_again(posterior, found)
+        found |= _searched_again(posterior, alone)
 
     best: dict[tuple[str, ...], float] = {}
     for (names, _), value in found.items():
         once = tuple(dict.fromkeys(names))
         best[once] = float(np.logaddexp(best.get(once, -np.inf), value))
-    every = {name: one.log_prior - log_found(one) for name, one in families.items()}
+    every = {name: one.log_prior - one.learnt - log_found(one) for name, one in families.items()}
     lifted = {names: value - sum(min(every[name], 0.0) for name in names if name in LAWS)
               for names, value in best.items()}
     least, least_lifted = max(best.values()) - KEPT, max(lifted.values()) - KEPT
@@ -139,7 +140,7 @@ def causes_in(search: RunSearch) -> RunCauses:
     likely = sorted((name for name in prior if made.odds[name] > 1), key=lambda name: -made.odds[name])
     shapes = {}
     for name in likely[:SHAPED]:
-        key = next((key for key in posterior.keys if name in key[0]), None)
+        key = next((key for key in alone.keys if name in key[0]), None)
         if key and (shape := _shape(posterior, key, families[name])):
             shapes[name] = shape
     return RunCauses(made.hypotheses, made.log_evidence, prior, made.silent, shapes)
@@ -165,19 +166,21 @@ def _without(posterior: Posterior, key: Key, name: str = '') -> State:
     return State(evidence, [evidence.member(family, setting, 0.0) for family, setting in places])
 
 
-def _searched_again(posterior: Posterior, found: Mapping[Key, float]) -> dict[Key, float]:
-    """Return the log evidence of the likeliest hypotheses with each named cause more, where it is not known.
+def _searched_again(posterior: Posterior, alone: Posterior) -> dict[Key, float]:
+    """Return the log evidence of the likeliest hypotheses with each named cause more, where it is not known; alone: the
+    posterior without experience.
 
     The search looks for what joins its best hypothesis; the cell may know that another one is true."""
     out: dict[Key, float] = {}
-    noise = posterior.best[1]
-    likely = [key for key in posterior.keys if key[1] == noise and posterior.p[key] > LISTED][:AGAIN]
+    noise, known = posterior.best[1], frozenset(alone.keys)
+    likely = [key for key in alone.keys if key[1] == noise and alone.p[key] > LISTED][:AGAIN]
     for key in likely:
         state = _without(posterior, key)
         for offer in state.offers(is_open=False):
             more = tuple(sorted((*key[0], offer.family.name))), noise
-            if offer.family.name not in key[0] and more not in found:
-                out[more] = max(out.get(more, -np.inf), found[key] + offer.gain)
+            if offer.family.name not in key[0] and more not in known:
+                gain = offer.gain - offer.family.learnt
+                out[more] = max(out.get(more, -np.inf), alone.log_evidence(key) + gain)
     return out
 
 
