@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Experience of a cell as the prior of its next run."""
 
+import numpy as np
 import pytest
 
 from rosette_ros.core.diagnosis.diagnosis import find, search_of
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.joint.cell_diagnosis import experience_of
 from rosette_ros.core.joint.cell_rates import CellRates
 from rosette_ros.core.joint.run_causes import causes_in
@@ -67,4 +69,18 @@ def test_what_runs_teach():
     drift = taught.by_name['frame_drift']
     assert drift.again > 0.9 and drift.expected > 2.9 and drift.judged == 3 and 0.5 < drift.rate < 1
     assert taught.runs == 3 and (taught.cell, taught.table) == ('cell1', 'T1')
-    assert 0 < drift.size < 5e-6
+    sizes = [one.rms for seed in (1, 2, 3) for one in find(measured(2.0, seed)).final.effects
+             if one.name == 'frame_drift']
+    assert drift.size == pytest.approx(np.sqrt(np.mean(np.square(sizes))), rel=0.25) and drift.spread < 0.5
+
+
+@pytest.mark.parametrize('name', ['table_zero_drift', 'plate_warp'])
+def test_the_size_of_a_cause_is_its_displacement_in_the_runs(name):
+    """Of one amplitude or two, and far above the noise: rms over all coordinates, as the curves have it in U."""
+    runs = []
+    for seed in (1, 2, 3):
+        run = measured(0.0, seed)
+        moved = EFFECTS[name].columns(run, next(iter(EFFECTS[name].settings(run)))).sum(axis=-1)
+        runs.append(causes_in(search_of(run.replace(centre=run.centre + 4e-7 * moved / np.sqrt(np.mean(moved**2))))))
+    size, spread = CellRates(runs).size(name)
+    assert size == pytest.approx(4e-7, rel=0.35) and spread < 0.6

@@ -116,14 +116,19 @@ class CellRates:
         return self.runs[run].of(names, self.posteriors[run])
 
     def size(self, name: str) -> tuple[float, float]:
-        """Return the typical size of a cause, m rms, and the standard deviation of its logarithm over the runs that
-        have it, NaN where none says anything of it."""
+        """Return the size of a cause, m rms over coordinates and over the runs that have it, and the standard deviation
+        of its logarithm, as all these know it, NaN where none says anything of it.
+
+        Its amplitudes in each run are normally distributed, with one size; each run counts by the probability that it
+        has the cause."""
         known = self._shapes(name)
         if not known:
             return math.nan, math.nan
-        line = np.concatenate([np.log(shape.unit * SIZES) for shape, _ in known])
-        weight = np.concatenate([p * _normal(shape.sizes) for shape, p in known])
-        weight /= weight.sum()
+        units = [math.log(shape.unit) for shape, _ in known]
+        line = np.arange(min(units), max(units) + np.log(SIZES[-1] / SIZES[0]), np.log(SIZES[1] / SIZES[0]))
+        line += np.log(SIZES[0])
+        weight = _normal(np.sum([p * np.interp(line - unit, np.log(SIZES), shape.sizes)
+                                 for (shape, p), unit in zip(known, units)], axis=0))
         mean = float(weight @ line)
         return math.exp(mean), math.sqrt(weight @ (line - mean)**2)
 

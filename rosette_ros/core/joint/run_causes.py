@@ -19,7 +19,7 @@ from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Searched
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
-from rosette_ros.core.sight.bank import CauseFamily
+from rosette_ros.core.sight.bank import CauseFamily, columns_of
 from rosette_ros.core.sight.priors import log_found
 
 KEPT = 12.0
@@ -35,7 +35,8 @@ AGAIN = 5
 class CauseShape:
     """How a cause goes in a run, where the run has it.
 
-    unit: of a size of 1, m rms over all coordinates; sizes: log likelihood of each of SIZES, their mean likelihood 1;
+    unit: of amplitudes of size 1, m rms over all coordinates; sizes: log likelihood of each of SIZES, their mean
+    likelihood 1;
     constants: values of each constant of its law that were tried, and log likelihoods, likewise.
     """
 
@@ -189,7 +190,9 @@ def _shape(posterior: Posterior, key: Key, family: CauseFamily) -> CauseShape | 
     rest = _without(posterior, key, family.name)
     place = next(one for one in posterior.places(key) if one[0].name == family.name)
     evidence = rest.evidence
-    line = rest.line(evidence.member(*place, 0.0).rows)
+    rows, moved = evidence.member(*place, 0.0).rows, columns_of(family, evidence.run, place[1])
+    line, left = rest.line(rows), rest.extended(rows)[0]
+    noise = evidence.scale * math.sqrt(max(float(left @ left), evidence.least) / evidence.dof)
     constants: dict[str, tuple[tuple[float, ...], Floats]] = {}
     searched = [one for one in family.effect.searched if is_constant(one)]
     if searched and not family.is_free and family.effect.carries != 'nothing':
@@ -207,7 +210,7 @@ def _shape(posterior: Posterior, key: Key, family: CauseFamily) -> CauseShape | 
                     tried[place[1].number(one.name)] = float(log_mean(line)) - math.log(choices)
                 values = tuple(sorted(tried))
                 constants[one.name] = values, _of_mean_one(np.array([tried[value] for value in values]))
-    return CauseShape(evidence.scale / math.sqrt(evidence.y.size), _of_mean_one(line), constants)
+    return CauseShape(noise * float(np.linalg.norm(moved)) / math.sqrt(evidence.y.size), _of_mean_one(line), constants)
 
 
 def _of_mean_one(values: Floats) -> Floats:

@@ -11,9 +11,9 @@ class KnownCause:
     """A cause as earlier runs know it.
 
     name: of its law; rate: probability that a run of the cell has it; again: that it is a property of the cell;
-    expected: number of runs that had it, judged: runs that say anything of it; size: typical one, m rms over all
-    coordinates, spread: standard deviation of its logarithm, NaN where none is known; constants: of its law, each with
-    value and standard uncertainty, SI.
+    expected: number of runs that had it, judged: runs that say anything of it; size: m rms over all coordinates and the
+    runs that had it, spread: standard deviation of its logarithm, NaN where none is known; constants: of its law, each
+    with value and standard uncertainty, SI.
     """
 
     name: str
