@@ -231,14 +231,14 @@ class JointEvaluation(Result):
 
 def evaluate(runs: Runs, model: ModelLike = None, *, inputs: Stated = None, environment: str | None = None,
              share: str | Path | None = None, refit_spheres: bool = False, test_spheres: Sequence[float] = (),
-             identity: str | Path | None = None, experience: ExperienceLike = None) -> Any:
+             identity: str | Path | None = None, experience: ExperienceLike = None, any_cell: bool = False) -> Any:
     """Return the Evaluation of a run, or the JointEvaluation of several as one (of a plate of any pitch, too).
 
     model: or its file; inputs: of the uncertainty budget, as its file says them; environment: 'laboratory' or
     'workshop', so that U contains what the order of measurement hides; share: file with what several runs share;
     refit_spheres: ball centres from the touches in the log; test_spheres: radius and height, mm, for the four-axis
-    errors (ISO 10360-3); identity: a file that states tolerances; experience: what
-    earlier runs of the cell have taught, or its file. Raises InvalidData, NotDeterminable."""
+    errors (ISO 10360-3); identity: a file that states tolerances; experience: what earlier runs of the cell have
+    taught, or its file; any_cell: also of another table or CMM. Raises InvalidData, NotDeterminable."""
     every = several(runs)
     where = [1e-3 * one for one in test_spheres]
     if len(every) > 1 or every[0].has_plate or share:
@@ -246,7 +246,8 @@ def evaluate(runs: Runs, model: ModelLike = None, *, inputs: Stated = None, envi
             raise InvalidData('evaluate: expected no model, no refit_spheres and no experience with several runs as '
                               'one')
         return evaluated_jointly(every, inputs, environment, share, identity, where)
-    return evaluated(JudgedRun(every[0], model, inputs, environment, experience=experience), refit_spheres, where)
+    judged = JudgedRun(every[0], model, inputs, environment, experience=experience, any_cell=any_cell)
+    return evaluated(judged, refit_spheres, where)
 
 
 def evaluated(judged: JudgedRun, refit_spheres: bool = False, where: Sequence[float] = ()) -> Evaluation:
@@ -326,18 +327,19 @@ class Diagnosed(DrawnResult):
         return plots('comparison_plots').candidates(self.diagnosis.candidates, fit.run.repeatability)
 
 
-def diagnose(run: Runs, model: ModelLike = None, check: Any = None, experience: ExperienceLike = None) -> Any:
+def diagnose(run: Runs, model: ModelLike = None, check: Any = None, experience: ExperienceLike = None,
+             any_cell: bool = False) -> Any:
     """Return the Diagnosed of a run, which effects are missing from a model, or the CellDiagnosed of several runs of a
     cell, what comes again in it.
 
     check: another run of the same cell that confirms what is missing in one; experience: what earlier runs of the cell
-    have taught, or its file, of one run. Raises InvalidData, NotDeterminable."""
+    have taught, or its file, of one run; any_cell: as of `evaluate`. Raises InvalidData, NotDeterminable."""
     if isinstance(run, list | tuple):
         if check is not None or experience is not None:
             raise InvalidData('diagnose: expected no check and no experience with several runs, which say it together')
         return diagnosed_cell(several(run), model_of(model))
     measured = read(run)
-    diagnosis = analysis.diagnose(measured.run, with_experience(model_of(model), experience, False, measured))
+    diagnosis = analysis.diagnose(measured.run, with_experience(model_of(model), experience, any_cell, measured))
     return Diagnosed(diagnosis, None if check is None else analysis.cross_check(read(check).run, diagnosis))
 
 

@@ -21,6 +21,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError
 from rosette_ros.core.run.records import ErrorMotions, Run
+from rosette_ros.core.run.typed_words import as_typed
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.budget_file import budget_inputs, read_stated
@@ -157,7 +158,7 @@ class JudgedRun:
     @cached_property
     def inputs(self) -> BudgetInputs | None:
         """What is stated for the uncertainty budget, None where nothing is."""
-        return stated_inputs(*self._stated)
+        return stated_inputs(*self._stated, self.model.experience)
 
     @cached_property
     def fit(self) -> Fit:
@@ -202,23 +203,41 @@ def with_experience(model: Model, given: 'Experience | str | Path | None', any_c
     any_cell: whether that of another table or CMM is taken, too, which is refused else. Raises InvalidData."""
     if given is None:
         return model
-    known = given if isinstance(given, Experience) else read_experience(given)
-    for words, taught, stated in (('table', known.table, measured.identity['table.serial']),
-                                  ('CMM', known.cmm, measured.identity['cmm.serial'])):
-        if taught and stated and taught != stated and not any_cell:
-            raise InvalidData(f'{measured.name}: expected a run of {words} {taught}, of which {known.runs} runs have '
-                              f'taught the experience, found {words} {stated}; --any-cell takes it all the same')
+    known = experience_of(given)
+    if not any_cell:
+        refuse_other_cell(known, measured.identity, f'{measured.name}: expected a run')
     return replace(model, experience=known)
 
 
-def stated_inputs(inputs: 'Mapping[str, Any] | str | Path | None', environment: str | None) -> BudgetInputs | None:
-    """Return what is stated for the uncertainty budget; raises InvalidData as a file does."""
+def experience_of(given: 'Experience | str | Path') -> Experience:
+    """Return the Experience that is given, or that of a file; raises InvalidData."""
+    return given if isinstance(given, Experience) else read_experience(given)
+
+
+def refuse_other_cell(known: Experience, identity: Identity, wanted: str) -> None:
+    """Refuse an experience of another table or CMM than an identity states; wanted: of what, as the error begins.
+
+    Raises InvalidData."""
+    for words, taught, stated in (('table', known.table, identity['table.serial']),
+                                  ('CMM', known.cmm, identity['cmm.serial'])):
+        if taught and stated and taught != stated:
+            option = as_typed('--any-cell', 'any_cell=True')
+            raise InvalidData(f'{wanted} of {words} {taught}, of which {known.runs} runs have taught the experience, '
+                              f'found {words} {stated}; {option} takes it all the same')
+
+
+def stated_inputs(inputs: 'Mapping[str, Any] | str | Path | None', environment: str | None,
+                  experience: Experience | None = None) -> BudgetInputs | None:
+    """Return what is stated for the uncertainty budget; raises InvalidData as a file does.
+
+    experience: what earlier runs of the cell have taught of the environment that is stated."""
+    given: Mapping[str, Any] | None
     if isinstance(inputs, Mapping):
         within = {'environment': {'class': environment}} if environment else {}
-        given = {'schema': 'rosette-budget/1', **inputs, **within}
-        return budget_inputs(given)
-    stated = read_stated(inputs, environment)
-    return budget_inputs(stated, str(inputs or 'budget inputs')) if stated else None
+        given, source = {'schema': 'rosette-budget/1', **inputs, **within}, 'budget inputs'
+    else:
+        given, source = read_stated(inputs, environment), str(inputs or 'budget inputs')
+    return budget_inputs(given, source).knowing(experience) if given else None
 
 
 def read(source: Any, columns: 'Columns | str | None' = None, run_id: str | None = None,

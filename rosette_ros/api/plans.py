@@ -13,9 +13,12 @@ import numpy as np
 from rosette_ros.analysis import advise as advise_order
 from rosette_ros.analysis import advise_run
 from rosette_ros.analysis import next_readings as next_block
-from rosette_ros.api.measurement import model_of, read, stated_inputs
+from rosette_ros.api.measurement import experience_of, model_of, read, stated_inputs
 from rosette_ros.api.result import DrawnResult, Result, plots
 from rosette_ros.core.effects.composed import effect
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.joint.cell_diagnosis import LIKELY
+from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.planning.block_ways import with_block
@@ -28,6 +31,7 @@ from rosette_ros.core.run.scheme import ORDERS, order_name, places_in_use
 from rosette_ros.core.run.scheme import plan as scheme_of
 from rosette_ros.core.run.touches import Pace
 from rosette_ros.core.run.typed_words import as_typed
+from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
@@ -115,7 +119,8 @@ def plan(*orders: str | Path, balls: int | None = None, radius_mm: float | None 
          seed: int = 0, cmm_positions: str = '', balls_in_use: str = '', plate: str | Path | None = None,
          table_offset_deg: float = 0.0, touches: int = 0, sigma_um: float = 0.1, touch_s: float = Pace.touch,
          table_move_s: float | None = None, axis: Sequence[float] | None = None,
-         inputs: Mapping[str, Any] | str | Path | None = None, environment: str | None = None) -> Any:
+         inputs: Mapping[str, Any] | str | Path | None = None, environment: str | None = None,
+         experience: Experience | str | Path | None = None) -> Any:
     """Return the Plan of an order or of a plan file, or several side by side (PlansCompared).
 
     orders: such as 'row' or 'there_and_back:8' (at 8 CMM positions); balls: on the plate = table positions; radius_mm:
@@ -123,7 +128,8 @@ def plan(*orders: str | Path, balls: int | None = None, radius_mm: float | None 
     balls_in_use: '6' (the best six), '50 %', 'fewest' or '1,5,7,10', '' all; plate: a plate file in place of radius_mm
     and balls_in_use; touches: of each ball, 0 as the CMM usually does; sigma_um: standard deviation of a coordinate
     from 20 touches; touch_s, table_move_s: times of a touch and of a move of the table; axis: direction of the table
-    axis in the machine; environment: as of `evaluate`: U contains what the order hides. Raises InvalidPlan."""
+    axis in the machine; environment, experience: as of `evaluate`: U contains what the order hides, by the rates and
+    sizes of this cell. Raises InvalidPlan, InvalidData."""
     if not orders:
         raise InvalidPlan('plan: expected an order or a plan file, found none')
     if len(orders) > MOST_PLANS:
@@ -135,7 +141,7 @@ def plan(*orders: str | Path, balls: int | None = None, radius_mm: float | None 
     first = next(iter(files.values()), None)
     n: int | None = balls or (first.scheme.n if first else None)
     radius: float | None = 1e-3 * radius_mm if radius_mm else first.radius if first else None
-    stated = stated_inputs(inputs, environment)
+    stated = _stated(inputs, environment, experience)
     judged: dict[str, Any] = {
         'sigma': 1e-6 * sigma_um, 'pace': Pace(touch_s, table_move_s),
         'rotation': None if axis is None else axis_rotation(axis),
@@ -159,6 +165,19 @@ def plan(*orders: str | Path, balls: int | None = None, radius_mm: float | None 
             made.append(Plan(':'.join([order_name(name), *places]), MeasuringPlan(
                 scheme, 1e-3 * USUAL_RADIUS_MM if radius is None else radius), radius is not None, **judged))
     return made[0] if len(made) == 1 else PlansCompared(made)
+
+
+def _stated(inputs: Mapping[str, Any] | str | Path | None, environment: str | None,
+            experience: Experience | str | Path | None) -> BudgetInputs | None:
+    """Return what is stated, with what earlier runs have taught; raises InvalidPlan for these without an environment.
+    """
+    known = None if experience is None else experience_of(experience)
+    stated = stated_inputs(inputs, environment, known)
+    if known and not (stated and stated.environment):
+        raise InvalidPlan(as_typed('--experience', 'experience=') + ': expected an environment beside it, of which it '
+                          'knows rates and sizes in this cell, found none; state one with '
+                          + as_typed('--environment or --inputs', 'environment= or inputs='))
+    return stated
 
 
 def _on_plate(path: str | Path, balls: int | None, beside: Mapping[str, object]) -> tuple[float, str]:
@@ -191,12 +210,17 @@ class Advised(Result):
 
 def advise(run: Any = None, *, balls: int | None = None, order: str | None = None, radius_mm: float = USUAL_RADIUS_MM,
            turning: str = 'forward', seed: int = 0, show: Sequence[str] = (),
-           inputs: Mapping[str, Any] | str | Path | None = None, environment: str | None = None) -> Advised:
+           inputs: Mapping[str, Any] | str | Path | None = None, environment: str | None = None,
+           experience: Experience | str | Path | None = None) -> Advised:
     """Return what a run, or an order of so many balls, can show, and which order to measure next.
 
-    show: effects that the next run must show; environment: as of `evaluate`."""
-    stated = stated_inputs(inputs, environment)
-    within, wanted = stated.environment if stated else None, tuple(effect(name).name for name in show)
+    show: effects that the next run must show, those that come again in the cell where none is named; environment,
+    experience: as of `plan`."""
+    known = None if experience is None else experience_of(experience)
+    stated = stated_inputs(inputs, environment, known)
+    comes_again = tuple(one.name for one in (known.causes if known else ()) if one.again > LIKELY and
+                        one.name in EFFECTS)
+    within, wanted = stated.environment if stated else None, tuple(effect(name).name for name in show) or comes_again
     if run is not None and balls is None and order is None:
         measured = read(run).run
         return Advised(advise_run(measured, wanted, seed, within), measured.n, measured.radius, measured.run_id)

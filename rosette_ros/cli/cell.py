@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
-from rosette_ros.calibration.settings import FIELDS, IDENTITY, LIMITS, OPTIONS, PLATE, RUN
+from rosette_ros.api.measurement import refuse_other_cell
+from rosette_ros.calibration.settings import EXPERIENCE, FIELDS, IDENTITY, LIMITS, OPTIONS, PLATE, RUN
 from rosette_ros.cell.client import CalibrationOutcome, CellClient, HangDetector
 from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, MOST_PARAMETERS, Cell
@@ -39,6 +40,7 @@ from rosette_ros.core.run.errors import CellError, InvalidConfig
 from rosette_ros.core.run.scheme import ORDERS
 from rosette_ros.dme.dme_settings import sequencer_parameters
 from rosette_ros.invocation import command
+from rosette_ros.io.experience_file import read_experience
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress
 from rosette_ros.io.plan_file import format_plan, read_plan
@@ -68,6 +70,9 @@ def cell_arguments(parser: argparse.ArgumentParser) -> None:
                         '(default: the machine.yaml of the package)')
     parser.add_argument('--params', metavar='FILE', help='parameters of the nodes, such as cell.yaml')
     add_shared(parser, '--identity', help=IN_LOG)
+    add_shared(parser, '--experience', help='what earlier runs of the cell have taught (YAML, rosette-experience/1): '
+               'the prior of each diagnosis, and of calibrate --until')
+    add_shared(parser, '--any-cell')
     add_shared(parser, '--output', default=None, help='folder of the logs, one folder per run (default: log_dir of the '
                'recorder in --params, or rosette-runs)')
     add_shared(parser, '--namespace', '--domain')
@@ -93,7 +98,8 @@ def run_cell(options: argparse.Namespace) -> None:
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
                 log_dir=made_folder(options.output or log_folder(options.params)), params={
                     names.SEQUENCER: identity_parameter(options.identity) | (sequencer_parameters(cmm) if cmm else {}),
-                    names.RECORDER: {'simulated': True} if cmm and cmm.simulated else {}},
+                    names.RECORDER: {'simulated': True} if cmm and cmm.simulated else {},
+                    names.EVALUATOR: experience_parameter(options.experience, options.identity, options.any_cell)},
                 simulated_time=not is_real, dme=options.settings)
     refuse_second_cell(out, cell)
     with started(out, cell):
@@ -134,6 +140,17 @@ def identity_parameter(path: str | None) -> dict[str, str]:
         return {}
     read_identity(path)
     return {IDENTITY.name: str(Path(path).absolute())}
+
+
+def experience_parameter(path: str | None, identity: str | None, any_cell: bool) -> dict[str, str]:
+    """Return the parameter of the evaluator for a file of experience; raises InvalidData where it is none, or one of
+    another table or CMM than the identity file states, unless any_cell."""
+    if path is None:
+        return {}
+    known = read_experience(path)
+    if identity and not any_cell:
+        refuse_other_cell(known, read_identity(identity), f'{identity}: expected the cell')
+    return {EXPERIENCE.name: str(Path(path).absolute())}
 
 
 def keep_running(out: Console, cell: Cell) -> None:

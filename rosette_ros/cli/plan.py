@@ -17,8 +17,6 @@ from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, number, positive, whole
 from rosette_ros.cli.console import console, doing, pairs, print_json, print_parts, warn
 from rosette_ros.cli.opened import Opened
-from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.joint.cell_diagnosis import LIKELY
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.planning.next_readings import UNTIL
 from rosette_ros.core.planning.plan_comparison import MOST_BALLS as MOST_JUDGED
@@ -29,7 +27,6 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.scheme import ORDERS, TURNINGS
 from rosette_ros.core.run.touches import TOUCHES, Pace
 from rosette_ros.invocation import command, program
-from rosette_ros.io.experience_file import read_experience
 from rosette_ros.presentation import plan_results as results
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import millimetres
@@ -65,7 +62,10 @@ def plan_arguments(parser: ArgumentParser) -> None:
                         'the axes of the CMM (default 0 0 1)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
-    arguments.add_shared(parser, '--inputs', '--environment', '--angle-unit', '--format', '--force')
+    arguments.add_shared(parser, '--inputs', '--environment')
+    arguments.add_shared(parser, '--experience', help='with --environment: what earlier runs of the cell have taught '
+                         '(YAML, rosette-experience/1), so that U of what an order hides is that of this cell')
+    arguments.add_shared(parser, '--angle-unit', '--format', '--force')
     group = arguments.add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several '
                                   'plans what they determine')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
@@ -102,7 +102,8 @@ def run_plan(options: Namespace) -> None:
                 balls_in_use=options.balls_in_use, plate=options.plate,
                 table_offset_deg=options.table_offset_deg or 0.0, touches=options.touches or 0,
                 sigma_um=options.sigma_um, touch_s=options.touch_s or Pace.touch, table_move_s=options.table_move_s,
-                axis=options.axis, inputs=options.inputs, environment=options.environment)
+                axis=options.axis, inputs=options.inputs, environment=options.environment,
+                experience=options.experience)
     only = made if isinstance(made, Plan) else None
     if only is None and (options.output or options.csv_template):
         raise UsageError('plan: expected one plan to write, found several; leave out --output and --csv-template')
@@ -225,18 +226,12 @@ def run_advise(options: Namespace) -> None:
     with doing('comparing orders'):
         made = advise(run, balls=options.balls, order=options.order, radius_mm=options.radius_mm,
                       turning=options.turning, seed=options.seed,
-                      show=options.show or causes_known(options), inputs=options.inputs,
-                      environment=options.environment)
+                      show=options.show, inputs=options.inputs, environment=options.environment,
+                      experience=options.experience)
     if options.json:
         print_json(made.to_mapping())
     else:
         show_advice(made.advice, made.n, made.radius)
-
-
-def causes_known(options: Namespace) -> tuple[str, ...]:
-    """Return the effects of the library that come again in the cell, as its experience says; none without one."""
-    known = read_experience(options.experience).causes if options.experience else ()
-    return tuple(one.name for one in known if one.again > LIKELY and one.name in EFFECTS)
 
 
 def advise_readings(options: Namespace) -> None:

@@ -19,7 +19,7 @@ from std_msgs.msg import Header
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED
 from rosette_ros.calibration.commands import Until
-from rosette_ros.calibration.settings import UNTIL, Wanted, until_of
+from rosette_ros.calibration.settings import EXPERIENCE, UNTIL, Wanted, until_of
 from rosette_ros.core.diagnosis import diagnosis as core
 from rosette_ros.core.diagnosis.run_result import RunResult
 from rosette_ros.core.joint.conclusion import conclude
@@ -45,8 +45,7 @@ from rosette_ros.words.settling_words import block_words, standing_words
 
 WANTED = (
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
-    Wanted('experience', '', 'what earlier runs of the cell have taught (YAML, rosette-experience/1); empty: nothing',
-           read_only=True),
+    EXPERIENCE,
     Wanted('diagnose_after_run', True, 'whether each run is diagnosed, so that the diagnosis is in its log'),
     Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'larger plates are diagnosed on request only', 0, 1000),
     Wanted('longest_work_s', 600.0, 'a calculation that lasts longer is taken for one that never ends: the evaluator '
@@ -79,7 +78,7 @@ class Evaluator(CellNode):
     def __init__(self) -> None:
         super().__init__(names.EVALUATOR, WANTED)
         self.status.longest = float(self.parameters['longest_work_s'])
-        model, taught = read_model(self.parameters['model'] or None), str(self.parameters['experience'])
+        model, taught = read_model(self.parameters['model'] or None), str(self.parameters[EXPERIENCE.name])
         self._in_use = ModelInUse(replace(model, experience=read_experience(taught)) if taught else model)
         self._answers: RunAnswers | None = None  # published by the sequencer, not yet evaluated
         self._due = '', 0  # the run to be evaluated, and how many of its targets are answered

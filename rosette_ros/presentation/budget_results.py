@@ -6,6 +6,8 @@ from functools import partial
 import numpy as np
 import scipy  # which loads its parts where they are used
 
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.run.errors import counted
 from rosette_ros.core.run.number_words import significant
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.uncertainty.budget_lines import root_mean
@@ -18,7 +20,7 @@ from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, pla
 from rosette_ros.presentation.table_format import Column, Table, column, words
 from rosette_ros.words import effect_words
 from rosette_ros.words.budget_words import not_considered
-from rosette_ros.words.effect_words import MICRO_DECIMALS, decimals, fixed, scale_of, title_of
+from rosette_ros.words.effect_words import MICRO_DECIMALS, decimals, fixed, names, scale_of, title_of
 
 SCHEMA = 'rosette-budget-results/1'
 ROWS = ('combined u', f'U (k = {COVERAGE_FACTOR})', 'U, worst point', 'effective dof')
@@ -99,7 +101,10 @@ def environment_words(environment: Environment | None) -> str:
     sizes = [f'{KINDS[kind].words} {_size(one.value, KINDS[kind].si)}' for kind, one in environment.sizes.items()]
     sizes += [f'{title_of(name)} {_size(one.value, "m")} at a ball'
               for name, one in environment.effects.items()]
-    return f'{environment.name}: {", ".join(sizes)} in a run (standard deviations from run to run)'
+    known = environment.experience
+    titles = [title_of(name) for name in (known.by_name if known else ()) if name in EFFECTS]
+    learnt = f'; of {names(titles)} as in {counted(known.runs, "earlier run")} of the cell' if known and titles else ''
+    return f'{environment.name}: {", ".join(sizes)} in a run (standard deviations from run to run){learnt}'
 
 
 def _size(value: float, unit: str, digits: int = 1) -> str:
@@ -129,7 +134,9 @@ def stated_json(environment: Environment | None) -> Json | None:
         'sizes': {kind: {'value': one.value, 'unit': KINDS[kind].si, 'source': one.source}
                   for kind, one in environment.sizes.items()},
         'effects': {name: {'value': one.value, 'unit': 'm', 'source': one.source}
-                    for name, one in environment.effects.items()}}
+                    for name, one in environment.effects.items()},
+        'experience': environment.experience and {'runs': environment.experience.runs,
+                                                  'effects': list(environment.experience.by_name)}}
 
 
 def _digits(u: float) -> int:

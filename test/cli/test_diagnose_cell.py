@@ -7,6 +7,11 @@ import pytest
 from simulated import simulated_table
 
 import rosette_ros
+from rosette_ros.cli.cell import experience_parameter
+from rosette_ros.core.model.experience import Experience, KnownCause
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.simulation import Machine, MachineConfig
 
 
 @pytest.fixture(scope='module')
@@ -73,3 +78,47 @@ def test_experience_of_another_table_is_refused_unless_asked_for(rosette, refuse
     assert 'expected a run of table T17, of which 6 runs have taught the experience, found table T18' in refused(*words)
     told = rosette(*words, '--any-cell')
     assert told.code == 0 and 'in 5 of 6 earlier runs; this run alone: ' in ' '.join(told.out.split())
+
+
+def test_python_takes_the_experience_of_another_table_where_asked(runs, tmp_path):
+    """evaluate and diagnose alike; the refusal names the argument."""
+    who = tmp_path / 'identity.yaml'
+    who.write_text('schema: rosette-identity/1\ntable: {serial: T18}\n')
+    run, known = rosette_ros.read(runs[0], identity=who), Experience((KnownCause('frame_drift', 0.8),), table='T17')
+    for ask in (rosette_ros.evaluate, rosette_ros.diagnose):
+        with pytest.raises(rosette_ros.RosetteError, match='found table T18; any_cell=True takes it all the same'):
+            ask(run, experience=known)
+        assert 'frame_drift' in [one.name for one in ask(run, experience=known, any_cell=True).verdict.missing]
+
+
+def test_a_cell_is_started_with_its_experience(tmp_path):
+    """Of the table of its identity, unless another one is asked for."""
+    known, who = tmp_path / 'cell.yaml', tmp_path / 'identity.yaml'
+    known.write_text('schema: rosette-experience/1\ntable: T17\nruns: 6\ncauses: [{effect: frame_drift, rate: 0.8}]\n')
+    who.write_text('schema: rosette-identity/1\ntable: {serial: T18}\n')
+    assert experience_parameter(None, None, False) == {}
+    assert experience_parameter(str(known), None, False) == {'experience': str(known)}
+    assert experience_parameter(str(known), str(who), True) == {'experience': str(known)}
+    with pytest.raises(rosette_ros.RosetteError, match='expected the cell of table T17, of which 6 runs have'):
+        experience_parameter(str(known), str(who), False)
+
+
+def test_u_of_what_an_order_hides_is_that_of_the_cell(rosette, refused, tmp_path):
+    """A drift of the table that comes in every run of the cell, in a run and in a plan of an order that hides it."""
+    run, known = tmp_path / 'row.csv', tmp_path / 'cell.yaml'
+    write_csv(Machine(MachineConfig().changed(seed=7, plate={'balls': 6})).run(plan(6, 'row', 7)), run)
+    known.write_text('schema: rosette-experience/1\nruns: 40\ncauses: [{effect: table_zero_drift, rate: 0.97, '
+                     'in_runs: 40, judged_runs: 40, size_um: 3.0, size_spread: 0.1}]\n')
+    words = 'plan', '--balls', 6, '--order', 'row', '--radius-mm', 182.5, '--environment', 'laboratory', '--json'
+    plans = [json.loads(rosette(*words, *more).out)['expected'] for more in ((), ('--experience', known))]
+    runs = [rosette_ros.evaluate(run, environment='laboratory', experience=one) for one in (None, known)]
+    taught = {'runs': 40, 'effects': ['table_zero_drift']}
+    assert [one['environment']['experience'] for one in plans] == [None, taught]
+    assert [one.to_mapping()['environment']['experience'] for one in runs] == [None, taught]
+    for before, after in ([max(one['u']['crz_rad']) for one in plans],
+                          [one.result.curves.motions.u[:, 5].max() for one in runs]):
+        assert after > 3 * before
+    said = ' '.join(rosette('evaluate', run, '--environment', 'laboratory', '--experience', known).out.split())
+    assert '; of angular drift of the table as in 40 earlier runs of the cell' in said
+    assert '--experience: expected an environment beside it' in refused(
+        'plan', '--balls', 6, '--order', 'row', '--experience', known)

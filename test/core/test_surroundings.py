@@ -1,16 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """U in an environment: what an order hides counts as it is stated, what it shows as the readings say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic import RADIUS
 
 from rosette_ros.core.effects.effect import Motion, Setting
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.model.experience import Experience, KnownCause
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.plan_comparison import outlook
 from rosette_ros.core.run.records import remove_gauge
-from rosette_ros.core.uncertainty.hidden_effects import CLAIMED, MATTERS, at_ball, kind_of, surrounded, unseen
+from rosette_ros.core.run.scheme import plan
+from rosette_ros.core.uncertainty.hidden_effects import (
+    CLAIMED,
+    MATTERS,
+    at_ball,
+    kind_of,
+    size_per_rms,
+    source_of,
+    surrounded,
+    unseen,
+)
 from rosette_ros.core.uncertainty.stated_environment import CLASSES, KINDS, LABORATORY, Environment, Size
 
 NOISE = 1e-7
@@ -38,6 +52,44 @@ def test_a_hidden_drift_by_hand(make_run, n):
     np.testing.assert_allclose(made.error_motions.values, one.error_motions.values, atol=1e-6 * NOISE)
     if n == 12:
         assert added[0] == pytest.approx(0.4615e-6, rel=1e-3)
+
+
+def taught(name, rate, size=float('nan'), runs=40):
+    """Return the experience of one effect in so many runs; size: m rms."""
+    return Experience((KnownCause(name, rate, 1.0, rate * runs, runs, size, 0.0),), runs=runs)
+
+
+def test_experience_gives_rate_and_size_of_an_effect_that_is_hidden(make_run):
+    """In all of many runs, and large: U is larger; in none of them: smaller. Its variance is rate x size^2."""
+    run, name = make_run(8, 'row', noise=NOISE)[0], 'table_zero_drift'
+    one, workshop = fit(run), CLASSES['workshop']
+    stated = surrounded(one, workshop).error_motions.u
+    never = surrounded(one, replace(workshop, experience=taught(name, 1 / 42))).error_motions.u
+    always = surrounded(one, replace(workshop, experience=taught(name, 41 / 42, 3e-6))).error_motions.u
+    assert np.all(never[:, 5] < stated[:, 5]) and np.all(always[:, 5] > 2 * stated[:, 5])
+    assert always[:, 3] == pytest.approx(stated[:, 3], rel=0.1)
+    expected = 3e-6 * (41 / 42)**0.5 * size_per_rms(run)[name]
+    alone = surrounded(one, Environment(experience=taught(name, 41 / 42, 3e-6)))
+    np.testing.assert_allclose(alone.error_motions.u, surrounded(one, only(name, expected)).error_motions.u, rtol=1e-4)
+    assert source_of(alone.environment, name) == 'in 39 of 40 earlier runs of the cell'
+
+
+def test_without_experience_of_an_effect_nothing_changes(make_run):
+    """Bit for bit, also beside an experience that knows of nothing."""
+    run = make_run(6, 'row', noise=NOISE)[0]
+    one = fit(run)
+    alone, empty = (surrounded(one, replace(LABORATORY, experience=known)) for known in (None, Experience(())))
+    assert np.array_equal(alone.error_motions.u, surrounded(one, LABORATORY).error_motions.u)
+    assert np.array_equal(alone.error_motions.u, empty.error_motions.u)
+
+
+def test_a_plan_is_judged_by_what_the_cell_has():
+    """A drift of the table that comes in every run makes the order that hides it worse, the one that shows it as good.
+    """
+    known = taught('table_zero_drift', 41 / 42, 3e-6)
+    before, after = ({order: outlook(order, plan(6, order), RADIUS, environment=within).u[:, 5].mean()
+                      for order in ('row', 'random')} for within in (LABORATORY, replace(LABORATORY, experience=known)))
+    assert after['row'] > 3 * before['row'] and after['row'] > after['random']
 
 
 def test_what_the_readings_exclude_does_not_count(make_run):

@@ -2,11 +2,12 @@
 """What an uncertainty budget needs besides the readings: typed entries, each with words; what is missing stays open."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.core.run.touches import TOUCHES, USUAL
 from rosette_ros.core.uncertainty.stated_environment import Environment
@@ -65,6 +66,12 @@ class BudgetInputs:
     def is_stated(self) -> bool:
         """Whether U is that of the budget: something is stated that is no bound."""
         return bool(self.values) or self.environment is not None
+
+    def knowing(self, experience: Experience | None) -> 'BudgetInputs':
+        """Return the same with what earlier runs of the cell have taught of its environment, where one is stated."""
+        if self.environment is None or experience is None:
+            return self
+        return replace(self, environment=replace(self.environment, experience=experience))
 
     def __contains__(self, section: str) -> bool:
         return section in self.values

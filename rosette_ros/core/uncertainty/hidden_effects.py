@@ -13,7 +13,8 @@ and E E' v = l v,
     w_k = pi / (1 - pi) BF_k / K
 
 and D_k enters with the variance s^2 w_k / (1 + sum of w). Where the order shows nothing BF is 1, and the variance from
-run to run remains that is stated; where it shows that nothing is there it goes to 0. See docs/uncertainty.md.
+run to run remains that is stated; where it shows that nothing is there it goes to 0. Experience of the cell gives pi of
+what it knows, and the size: the variance from run to run is then rate x size^2. See docs/uncertainty.md.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -123,13 +124,16 @@ def kind_of(effect: PhysicalEffect) -> str:
 def at_ball(environment: Environment, run: Run) -> dict[str, float]:
     """Return how far each effect that a run can have moves a ball, m, as standard deviation from run to run.
 
-    Effects of one number have equal parts of its variance."""
+    Effects of one number have equal parts of its variance; those of which experience knows the size have none."""
     able, out = {name: kind_of(EFFECTS[name]) for name in _settings(run)}, {}
     for name, kind in able.items():
-        if name in environment.effects:
+        if known := environment.sized(name):
+            out[name] = known.rate**0.5 * known.size * _per_rms(run, name)
+        elif name in environment.effects:
             out[name] = environment.effects[name].value
         elif kind in environment.sizes:
-            several = sum(own == kind and other not in environment.effects for other, own in able.items())
+            several = sum(own == kind and other not in environment.effects and not environment.sized(other)
+                          for other, own in able.items())
             lever = run.radius if KINDS[kind].si == 'rad' else 1.0
             out[name] = lever * environment.sizes[kind].value / several**0.5
     return {name: size for name, size in out.items() if size > 0}
@@ -137,16 +141,20 @@ def at_ball(environment: Environment, run: Run) -> dict[str, float]:
 
 def size_per_rms(run: Run) -> dict[str, float]:
     """Return of each effect that a run can have its size at a ball, per rms of its displacements over coordinates."""
-    out = {}
-    for name in _settings(run):
-        square = np.concatenate([np.sum(one**2, axis=(1, 2, 3)) for one in _columns(run, EFFECTS[name])])
-        if middle := float(np.median(square)):
-            out[name] = float(np.sqrt(3 * run.size / middle))
-    return out
+    return {name: size for name in _settings(run) if (size := _per_rms(run, name))}
+
+
+def _per_rms(run: Run, name: str) -> float:
+    """Return the size at a ball of an effect per rms, 0 where it moves none."""
+    square = np.concatenate([np.sum(one**2, axis=(1, 2, 3)) for one in _columns(run, EFFECTS[name])])
+    middle = float(np.median(square))
+    return float(np.sqrt(3 * run.size / middle)) if middle else 0.0
 
 
 def source_of(environment: Environment, name: str) -> str:
     """Return whence the size of an effect in an environment is."""
+    if known := environment.sized(name):
+        return f'in {known.expected:.0f} of {known.judged} earlier runs of the cell'
     return (environment.effects.get(name) or environment.sizes[kind_of(EFFECTS[name])]).source
 
 
@@ -288,10 +296,12 @@ def _effects(run: Run, environment: Environment, claimed: Collection[str] = ()) 
     """Yield what may be there in a run, by name; claimed: effects that have left the environment."""
     sizes = at_ball(environment, run)
     families = [CauseFamily(EFFECTS[name], name, _settings(run)[name]) for name in sizes]
-    for family in with_priors(families, seen=1.0):
+    for family in with_priors(families, seen=1.0, experience=environment.experience):
         if family.name not in claimed:
             columns, odds = list(_columns(run, EFFECTS[family.name])), float(np.exp(family.log_prior))
-            pi = odds / (1 + odds)
+            # a size that is stated is that of an effect which comes as often as in any cell
+            usual = odds if environment.sized(family.name) else odds / float(np.exp(family.learnt))
+            pi = usual / (1 + usual)
             yield family.name, _Several(columns, sizes[family.name] / pi**0.5, odds / len(family.settings))
 
 

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What may move in the cell of a run, as its user states it: a few numbers, each with its source; named classes."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
+
+from rosette_ros.core.model.experience import Experience, KnownCause
 
 
 class Kind(NamedTuple):
@@ -37,11 +40,18 @@ class Environment:
     """What may move in a run.
 
     name: of its class, or `stated`; sizes: by KINDS; effects: how far single effects of the library move a ball, m,
-    which then have no part of those numbers."""
+    which then have no part of those numbers; experience: what earlier runs of the cell have taught, whose rates and
+    sizes take the place of what is stated of the effects that it knows, None where nothing is known."""
 
     name: str = 'stated'
     sizes: Mapping[str, Size] = field(default_factory=dict)
     effects: Mapping[str, Size] = field(default_factory=dict)
+    experience: Experience | None = None
+
+    def sized(self, name: str) -> KnownCause | None:
+        """Return what experience knows of an effect, None where it knows no size of it."""
+        known = self.experience.by_name.get(name) if self.experience else None
+        return known if known and math.isfinite(known.size) else None
 
 
 @dataclass(frozen=True)
