@@ -105,6 +105,10 @@ def ask(archive: RunArchive, sql: str) -> pa.Table:
     try:
         return archive.query(sql, views=VIEWS)
     except InvalidData as error:
+        if isinstance(error.__cause__, duckdb.PermissionException):
+            raise InvalidData(f'{archive.folder}: expected a question about the archive alone, found one that reads '
+                              f'other files; join them with the answer (--csv, --json) in the program that has them'
+                              ) from error
         if isinstance(error.__cause__, (duckdb.ParserException, duckdb.CatalogException, duckdb.BinderException)):
             raise InvalidData(f'{error}; there are the views runs, {", ".join(VIEWS)}: --columns explains the columns '
                               'of runs, the SQL "DESCRIBE curves" lists those of another one') from error

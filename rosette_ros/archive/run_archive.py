@@ -162,7 +162,8 @@ class RunArchive:
         """Return the answer of DuckDB to a question in SQL, in which `runs` are the rows that count.
 
         values: for the question marks in it; views: further ones by name, which may use those before them. Raises
-        InvalidData where the question cannot be answered, or is another statement than SELECT."""
+        InvalidData where the question cannot be answered, reads other files than those of the archive, or is another
+        statement than SELECT."""
         while True:
             self._leave_out_misfits()
             parts = self.parts
@@ -197,8 +198,11 @@ class RunArchive:
         with duckdb.connect() as base:
             base.execute("SET TimeZone = 'UTC'; SET autoinstall_known_extensions = false")  # nothing from the network
             base.register('parts', SCHEMA.empty_table())
-            if files := [re.sub(r'([*?[])', r'[\1]', str(path)) for path in parts]:  # DuckDB takes them as patterns
+            paths = [str(path) for path in parts]
+            if files := [re.sub(r'([*?[])', r'[\1]', path) for path in paths]:  # DuckDB takes them as patterns
                 base.register('parts', base.read_parquet(files, union_by_name=True))
+            base.execute('SET allowed_paths = $1', [paths])
+            base.execute('SET enable_external_access = false; SET lock_configuration = true')
             for name, text in views.items():
                 base.execute(f'CREATE TEMP VIEW {name} AS {text}')
             kinds = {one.type for one in base.extract_statements(sql)}

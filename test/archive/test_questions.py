@@ -3,6 +3,7 @@
 
 import datetime
 import json
+import os
 import re
 from collections import Counter
 
@@ -177,3 +178,27 @@ def test_the_verb_answers_in_three_forms(archive, capsys):
         assert main([*words, *wrong]) == 2
         err = capsys.readouterr().err
         assert said in err and err.count('\n') == 1
+
+
+@pytest.mark.parametrize('sql', [
+    "SELECT * FROM read_csv('{}')", "SELECT * FROM read_text('{}')", "SELECT * FROM glob('{}')",
+    "SELECT * FROM runs JOIN read_csv('{}') ON true", "SELECT * FROM read_text('{archive}/parts/../../{}')",
+    "SELECT * FROM sniff_csv('{}')"])
+def test_a_question_reads_the_archive_alone(archive, tmp_path, capsys, sql):
+    """Who may ask an archive, by a page or a script, does not get the files of the user who runs it."""
+    other = tmp_path / 'other.csv'
+    other.write_text('secret,b\n1,2\n')
+    name = os.path.relpath(other, archive.folder.parent) if '{archive}' in sql else other
+    assert main(['archive', 'query', str(archive.folder), sql.format(name, archive=archive.folder)]) == 2
+    assert capsys.readouterr().err == (
+        f'rosette: {archive.folder}: expected a question about the archive alone, found one that reads other files; '
+        'join them with the answer (--csv, --json) in the program that has them\n')
+
+
+def test_a_question_takes_no_table_of_the_program_and_no_setting(archive, monkeypatch):
+    """DuckDB would find variables of Python by their names, and give back what was taken."""
+    with pytest.raises(InvalidData, match='Table with name paths does not exist'):
+        ask(archive, 'SELECT * FROM paths')
+    with pytest.raises(InvalidData, match='expected a question'):
+        ask(archive, 'SET enable_external_access = true')
+    assert ask(archive, 'SELECT count(*) AS n FROM runs')['n'].to_pylist() != [0]
