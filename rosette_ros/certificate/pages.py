@@ -102,7 +102,7 @@ def to_pdf(certificate: Certificate, data: bytes, name: str, folder: Path = Path
     """Return the pages as PDF; data, name: of the XML, which is attached; folder: of the pictures that the identity
     names. Raises InvalidData where one of these cannot be read."""
     _fonts()
-    head = Head.of(certificate, folder)
+    head = HeadPictures.of(certificate, folder)
     figures = [six_curves([Series(one.words, one.motions)], '' if len(certificate.sets) == 1 else one.words)
                for one in certificate.sets]
     tried = {share: len(_built(certificate, head, figures, share).used) for share in WIDTHS}
@@ -138,14 +138,14 @@ class Built:
 
 
 @dataclass(frozen=True)
-class Head:
+class HeadPictures:
     """Pictures of the head of the pages, None where none is stated: its room stays free."""
 
     logo: ImageReader | None = None
     mark: ImageReader | None = None
 
     @classmethod
-    def of(cls, certificate: Certificate, folder: Path) -> 'Head':
+    def of(cls, certificate: Certificate, folder: Path) -> 'HeadPictures':
         """Return what an identity names; raises InvalidData where it is no picture."""
         return cls(*(_picture(folder / words) if (words := certificate.identity[entry]) else None
                      for entry in PICTURES))
@@ -162,7 +162,7 @@ def _picture(path: Path) -> ImageReader:
     return made
 
 
-def _built(certificate: Certificate, head: Head, figures: Sequence[Figure], share: float, pages: int = 0,
+def _built(certificate: Certificate, head: HeadPictures, figures: Sequence[Figure], share: float, pages: int = 0,
            behind: int = -1) -> Built:
     """Return the pages; share: of the width that figures take; pages: their number, if known; behind: which of the
     last sections begins a page, -1 for none."""
@@ -192,7 +192,7 @@ def _drawn(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
-def _frame(canvas: Any, document: Any, certificate: Certificate, head: Head, pages: int) -> None:
+def _frame(canvas: Any, document: Any, certificate: Certificate, head: HeadPictures, pages: int) -> None:
     """Draw the head of a page: number and page, pictures on the first one, and whether it was simulated."""
     right, line = A4[0] - SIDE, A4[1] - 11 * mm
     canvas.setFont(PLAIN, SIZE)

@@ -247,7 +247,7 @@ def _pairs(n: int, order: str, turning: str, seed: int) -> tuple[Ints, Ints]:
         return outer, (inner - outer) % n
     if turning == 'alternate':
         inner = np.where(outer % 2 == 1, n - 1 - inner, inner)
-    return (inner, outer) if order == 'column' else ((outer + inner) % n, -inner % n)
+    return {'column': (inner, outer), 'diagonal': ((outer + inner) % n, -inner % n)}[order]
 
 
 def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward',

@@ -18,7 +18,7 @@ from rosette_ros.core.uncertainty.error_summary import peak_to_valley
 
 GAUGED = {'ctx': 2, 'cty': 2, 'crx': 2, 'cry': 2}
 """Degrees of freedom that the gauge takes of a curve: its mean, and half of a once-per-turn part of two curves."""
-UNLIKELY = 0.05 / len(CURVES)
+SIGNIFICANT = 0.05 / len(CURVES)
 """A curve whose noise alone is larger with less probability is no noise; six curves are looked at."""
 SURE = 4.0
 """Standard deviations beyond which a sign is told."""
@@ -85,7 +85,7 @@ class CorrectionCheck:
     def level(self) -> Level:
         """Good where every error did what was promised, doubtful where U hides whether some did."""
         every = {one.level for one in self.errors}
-        if Level.BAD in every or self.p_of_table < UNLIKELY or self.contradictions:
+        if Level.BAD in every or self.p_of_table < SIGNIFICANT or self.contradictions:
             return Level.BAD
         return Level.DOUBTFUL if Level.DOUBTFUL in every else Level.GOOD
 
@@ -103,7 +103,7 @@ class CorrectionCheck:
         vanished = [one.curve for one in self.errors if one.result is Effectiveness.VANISHED]
         if self.contradictions:
             return f'The correction is not of this table: {"; ".join(self.contradictions)}.'
-        if self.p_of_table < UNLIKELY:
+        if self.p_of_table < SIGNIFICANT:
             return ('The correction does not describe the table as it was before: it was made of another table, or of '
                     'another state of it.')
         if self._is_turned:
@@ -121,7 +121,7 @@ class CorrectionCheck:
     @property
     def action(self) -> str:
         """What to do."""
-        if self.contradictions or self.p_of_table < UNLIKELY:
+        if self.contradictions or self.p_of_table < SIGNIFICANT:
             return 'Make the correction of the last run of this table: rosette correct RUN.'
         if self._is_turned:
             return 'The errors of the file are to be taken off, not added: turn the sign where the table is loaded.'
@@ -193,12 +193,12 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
     size = float(np.sum(taken**2 / variance))
     gain = float(np.sum(taken * (before - after) / variance) / size) if size > 0 else float('nan')
     u_gain = size**-0.5 if size > 0 else float('nan')
-    p, unchanged = _p(after - promised, variance, curve), _p(after - before, variance, curve) >= UNLIKELY
+    p, unchanged = _p(after - promised, variance, curve), _p(after - before, variance, curve) >= SIGNIFICANT
     if not is_corrected:
-        result = Effectiveness.SAME if p >= UNLIKELY else Effectiveness.CHANGED
-    elif _p(taken, np.full(taken.size, own), curve) >= UNLIKELY:
-        result = Effectiveness.NOISE if p >= UNLIKELY else Effectiveness.REMAINS
-    elif p >= UNLIKELY:
+        result = Effectiveness.SAME if p >= SIGNIFICANT else Effectiveness.CHANGED
+    elif _p(taken, np.full(taken.size, own), curve) >= SIGNIFICANT:
+        result = Effectiveness.NOISE if p >= SIGNIFICANT else Effectiveness.REMAINS
+    elif p >= SIGNIFICANT:
         result = Effectiveness.UNDECIDED if unchanged else Effectiveness.VANISHED
     elif gain < -SURE * u_gain and abs(gain + 1) < SURE * u_gain:
         result = Effectiveness.WRONG_SIGN
