@@ -43,6 +43,7 @@ from rosette_ros.core.planning.advice import Advice, advise, advise_run
 from rosette_ros.core.planning.next_readings import NextReadings as NextReadings
 from rosette_ros.core.planning.next_readings import next_readings as next_readings
 from rosette_ros.core.run.axes import refuse_other_axes
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import ErrorMotions, Floats, Run
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.sight.visibility import Visibility, visibility
@@ -76,7 +77,7 @@ def result(run: Run, model: Model | None = None, inputs: BudgetInputs | None = N
     return RunResult(fitted, found, inputs, refit)
 
 
-def conformity_of(fitted: Fit, verdict: Judgement | None, tolerances: Mapping[str, float]) -> Conformity | None:
+def conformity_of(fitted: Fit, verdict: Judgement | None, tolerances: Mapping[str, Tolerance]) -> Conformity | None:
     """Return what a fit says of all its tolerances together: the worst of them; None where none is stated."""
     return worst_of(line.conformity for line in fit_lines(fitted, tolerances, doubt_of(verdict)))
 

@@ -35,6 +35,7 @@ from rosette_ros.core.joint.run_to_run import joint_spheres
 from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, RosetteError
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.sight.visibility import Visibility, visibility
@@ -208,7 +209,7 @@ class Evaluation(DrawnResult):
 class JointEvaluation(Result):
     """Several runs evaluated as one; result: as the core has it."""
 
-    def __init__(self, result: JointResult, tolerances: Mapping[str, float], spheres: FourAxis) -> None:
+    def __init__(self, result: JointResult, tolerances: Mapping[str, Tolerance], spheres: FourAxis) -> None:
         self.result, self.tolerances, self.spheres = result, tolerances, spheres
         self.level = conclusion_text(conclude(result)).level.value
 

@@ -13,6 +13,7 @@ from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES, SERIALS, decided_by
 from rosette_ros.core.run.errors import InvalidData, counted
 from rosette_ros.core.run.geometry import TWO_PI, nominal_angles, rotate_z, wrap
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Ints
 from rosette_ros.core.table import trend
 from rosette_ros.core.table.trend import LEAST_LINE, LEAST_RUNS, Event, Forecast, TimeSeries
@@ -23,7 +24,7 @@ from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation import trend_results as results
 from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.presentation.table_format import Table
-from rosette_ros.words.effect_words import names
+from rosette_ros.words.effect_words import names, tolerance_words
 
 DAY = 86400.0
 LEAST_SHARE = 1e-3
@@ -59,7 +60,7 @@ class History:
     range: Floats
     U: Floats
     curves: Floats
-    tolerances: Mapping[str, float]
+    tolerances: Mapping[str, Tolerance]
     decided: Mapping[str, Conformity]
     temperature: Floats
     quantities: tuple[TimeSeries, ...]
@@ -177,12 +178,12 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
         tuple(row['run_id'] for row in rows if row['n'] != n), tuple(row['path'] for row in rows))
 
 
-def limits_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+def limits_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Tolerance]:
     """Return the tolerances of the last of rows, in the order of time, that states any, by curve, m and rad."""
     return next(filter(None, map(_limits, reversed(rows))), {})
 
 
-def _limits(row: Mapping[str, Any]) -> dict[str, float]:
+def _limits(row: Mapping[str, Any]) -> dict[str, Tolerance]:
     """Return the tolerances that the identity of a run states, by curve, m and rad."""
     rotation = None if row['rotation'] is None else np.reshape(row['rotation'], (3, 3))
     where = f'{row["run_id"]}: identity'
@@ -349,7 +350,7 @@ def trend_of(history: History) -> TableTrend:
         if (found := history.decided[curve]) is not Conformity.CONFORMS:
             factor, unit = text.curve_scales()[place]
             said.append(f'{curve} {factor * value:.3g} ± {factor * expanded:.2g} {unit}: {found} to its tolerance of '
-                        f'{factor * limit:.3g} {unit}')
+                        f'{tolerance_words(limit)}')
     for event in recent:
         strongest = event.steps[0]
         said.append(f'{names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '

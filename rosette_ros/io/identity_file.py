@@ -14,7 +14,7 @@ import yaml
 from rosette_ros.core.run.axes import iso_names
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import Floats
-from rosette_ros.core.run.number_words import ARC_SECOND
+from rosette_ros.core.run.number_words import ARC_SECOND, Tolerance
 from rosette_ros.core.run.records import CURVES, SI_UNITS
 from rosette_ros.io.safe_yaml import PlainDumper, known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import path_of, read_limited
@@ -50,9 +50,11 @@ PICTURES = ('laboratory.logo', 'laboratory.mark')
 NAMED = ('place', 'traceability', 'operator', 'signer')
 """Sections that may be a text alone, the name."""
 AT = ('laboratory', 'customer', 'other')
-_LENGTHS = {**dict.fromkeys(('µm', 'μm', 'um'), 1e-6), 'nm': 1e-9, 'mm': 1e-3}
-_ANGLES = {**dict.fromkeys(('µrad', 'μrad', 'urad'), 1e-6), 'mrad': 1e-3, 'rad': 1.0, **dict.fromkeys(
-    ('arcsec', 'arcsecond', 'arcseconds', '″', '"', "''"), ARC_SECOND)}
+_LENGTHS = {'µm': 1e-6, 'nm': 1e-9, 'mm': 1e-3}
+_ANGLES = {'µrad': 1e-6, 'mrad': 1e-3, 'rad': 1.0, 'arcsec': ARC_SECOND}
+_SPELT = {**dict.fromkeys(('μm', 'um'), 'µm'), **dict.fromkeys(('μrad', 'urad'), 'µrad'), **dict.fromkeys(
+    ('arcsecond', 'arcseconds', '″', '"', "''"), 'arcsec')}
+"""Other spellings of units."""
 _TOLERANCE = re.compile(r'((?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*(\D+)')
 _OF_LENGTH = 'length with its unit (nm, µm, mm), such as "1.5 µm"'
 _OF_ANGLE = 'angle with its unit (µrad, mrad, rad, arcsec), such as "2 µrad" or "0.4 arcsec"'
@@ -84,12 +86,12 @@ class Identity:
                         if self[key] not in ('', value))
         return replace(other if other.tolerances else self, entries={**self.entries, **other.entries}), changed
 
-    def limits(self, rotation: Floats | None) -> dict[str, float]:
+    def limits(self, rotation: Floats | None) -> dict[str, Tolerance]:
         """Return the tolerances of a table, m and rad, by curve; rotation: of the table frame, as of Run.
 
         Raises InvalidData where one belongs to a table about another axis, or stands twice."""
         curves = {iso.lstrip('-'): curve for curve, iso in iso_names(rotation).items()}
-        found: dict[str, float] = {}
+        found: dict[str, Tolerance] = {}
         where = f'{self.source}: tolerances'
         for name, words in self.tolerances.items():
             curve = curves.get(name, name)
@@ -196,12 +198,13 @@ def _tolerances(given: object, where: str) -> dict[str, str]:
     return found
 
 
-def _tolerance(words: object, is_length: bool, where: str) -> float:
-    """Return a tolerance, m or rad."""
+def _tolerance(words: object, is_length: bool, where: str) -> Tolerance:
     match = _TOLERANCE.fullmatch(words.strip()) if isinstance(words, str) else None
-    unit = (_LENGTHS if is_length else _ANGLES).get(''.join(match[2].split())) if match else None
+    spelt = ''.join(match[2].split()) if match else ''
+    name = _SPELT.get(spelt, spelt)
+    unit = (_LENGTHS if is_length else _ANGLES).get(name)
     if not match or not unit or not float(match[1]) > 0:
         comma = '; write a decimal point' if isinstance(words, str) and ',' in words else ''
         raise InvalidData(f'{where}: expected a positive {_OF_LENGTH if is_length else _OF_ANGLE}, found {words!r:.40}'
                           f'{comma}')
-    return float(match[1]) * unit
+    return Tolerance(float(match[1]) * unit, match[1], name)

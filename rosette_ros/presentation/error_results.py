@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change, RunResult
-from rosette_ros.core.run.number_words import UNKNOWN, significant
+from rosette_ros.core.run.number_words import UNKNOWN, Tolerance, significant
 from rosette_ros.core.run.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.core.uncertainty import error_summary as summary
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import DECISION_RULE, SURE, AxisError, Conformity, SphereErrors
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.table_format import Column, Table, column, words
-from rosette_ros.words.effect_words import decimals, exact, fixed, scale_of
+from rosette_ros.words.effect_words import decimals, exact, fixed, scale_of, tolerance_words
 
 FourAxis = Sequence[tuple[str, Sequence[SphereErrors], str]]
 """Of each table its words, the errors of its test spheres, and what they contain of its reversal."""
@@ -29,7 +29,7 @@ WHAT_IS_WHAT = (f'Range: largest value less smallest; U: k = {COVERAGE_FACTOR}, 
                 'synchronous error motion: without the fundamental one, once per revolution.')
 
 
-def errors_of(result: RunResult, tolerances: Mapping[str, float] | None = None) -> tuple[Table, ...]:
+def errors_of(result: RunResult, tolerances: Mapping[str, Tolerance] | None = None) -> tuple[Table, ...]:
     """Return the table of the errors of a result and, where the fit as modelled stands beside it, that of this one.
 
     tolerances: of ranges by curve, m and rad, about which the result decides."""
@@ -73,7 +73,7 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
            ) if several else ()),
         *((Column('tolerance_in_unit', 'tolerance', tuple(
             None if line.tolerance is None else one.factor * line.tolerance for line, one in zip(lines, scales)), tuple(
-                '' if line.tolerance is None else exact(one.factor * line.tolerance, 3)
+                '' if line.tolerance is None else tolerance_words(line.tolerance, one.unit)
                 for line, one in zip(lines, scales))),
            words('conformity', 'ISO 14253-1', [
                SAID.get(line.conformity, line.conformity or '') for line in lines])) if limited else ())),

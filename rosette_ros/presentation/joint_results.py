@@ -14,7 +14,7 @@ from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import ITEMS, PARTS
 from rosette_ros.core.joint.sharing_tests import SharingTest
-from rosette_ros.core.run.number_words import UNKNOWN, micrometres, p_value, p_words
+from rosette_ros.core.run.number_words import UNKNOWN, Tolerance, micrometres, p_value, p_words
 from rosette_ros.core.run.records import CURVES, ErrorMotions
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import doubt_of
@@ -75,7 +75,7 @@ def joint_curves(result: JointResult) -> list[Table]:
     return shown
 
 
-def joint_errors(result: JointResult, tolerances: Mapping[str, float] | None = None) -> list[Table]:
+def joint_errors(result: JointResult, tolerances: Mapping[str, Tolerance] | None = None) -> list[Table]:
     """Return error motions in a line each, of each table and sense; tolerances: of ranges by curve, m and rad."""
     every = joint_lines(result, tolerances, doubt_of(conclude(result)))
     return [errors(lines, TITLE.format(one.words), f'errors{place}' if place else 'errors')
@@ -135,7 +135,7 @@ def joint_deviations(result: JointResult) -> list[Table]:
     return out
 
 
-def joint_csv(result: JointResult, tolerances: Mapping[str, float] | None = None) -> str:
+def joint_csv(result: JointResult, tolerances: Mapping[str, Tolerance] | None = None) -> str:
     """Return all curves as one CSV table, its first column naming the curve's table and sense; above it in '#' lines
     verdict, model and the ranges of each table and sense with U."""
     parts, conclusion = joint_curves(result), conclude(result)
@@ -205,7 +205,7 @@ def joint_head(run: Readings) -> str:
     return f'{run.name}: {run.plate.balls} balls, {used} table positions, {run.size} ball centres'
 
 
-def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = None) -> Json:
+def joint_json(result: JointResult, tolerances: Mapping[str, Tolerance] | None = None) -> Json:
     """Return the results, schema rosette-joint-evaluation/1; u holds standard uncertainties, SI units."""
     solution, sharing = result.solution, result.sharing
     model, conclusion = solution.model, conclude(result)

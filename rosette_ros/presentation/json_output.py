@@ -23,6 +23,7 @@ from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import SI_UNITS, ErrorMotions
 from rosette_ros.core.sight.visibility import Visibility
 from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
@@ -83,7 +84,7 @@ def motions_json(motions: ErrorMotions) -> Json:
             'U': by_curve(COVERAGE_FACTOR * motions.u.T)}
 
 
-def result_json(result: RunResult, tolerances: Mapping[str, float] | None = None) -> Json:
+def result_json(result: RunResult, tolerances: Mapping[str, Tolerance] | None = None) -> Json:
     """Return the result of a run, `result`, and the same curves as `with_cause_found`, null where no cause that has a
     name is missing; tolerances: of ranges by curve, m and rad."""
     one = result.curves
@@ -95,7 +96,7 @@ def result_json(result: RunResult, tolerances: Mapping[str, float] | None = None
         'with_cause_found': {**curves, 'iso_230_7': errors_json(one.lines())} if named else None}
 
 
-def evaluation_json(result: RunResult, tolerances: Mapping[str, float] | None = None) -> Json:
+def evaluation_json(result: RunResult, tolerances: Mapping[str, Tolerance] | None = None) -> Json:
     """Return a report, schema rosette-evaluation/1: the fit as modelled, and the result; u holds standard
     uncertainties; tolerances: of ranges by curve, m and rad.
 

@@ -23,7 +23,7 @@ from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.core.run.errors import counted
-from rosette_ros.core.run.number_words import UNKNOWN, Scale, multiple, p_value
+from rosette_ros.core.run.number_words import UNKNOWN, Scale, Tolerance, multiple, p_value
 from rosette_ros.core.run.records import CURVES, UNLIKELY, ErrorMotions, Floats, Run
 from rosette_ros.core.sight.visibility import GOOD_SHARE, Visibility
 from rosette_ros.core.uncertainty.clamped_plate import clamped_plate
@@ -67,7 +67,7 @@ LEAST_P = 1 / (DRAWS + 1)
 BARS, GAP, MOST_BARS = '▁▂▃▄▅▆▇█', '·', 40
 
 
-def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None,
+def tables_of(summary: Summary, tolerances: Mapping[str, Tolerance] | None = None,
               result: RunResult | None = None) -> tuple[Table, ...]:
     """Return every table of a run, in the order of the report.
 
@@ -93,7 +93,7 @@ def curves_of(result: RunResult) -> tuple[Table, ...]:
         (result.curves, 'curves'), (result.beside, 'curves_as_modelled')))
 
 
-def curves_csv(result: RunResult, tolerances: Mapping[str, float] | None = None) -> str:
+def curves_csv(result: RunResult, tolerances: Mapping[str, Tolerance] | None = None) -> str:
     """Return the six curves of a result as CSV; above them in '#' lines the verdict, the model, ranges with U.
 
     tolerances: of ranges by curve, m and rad."""

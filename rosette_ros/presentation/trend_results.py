@@ -10,6 +10,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.figure import Figure
 
 from rosette_ros.core.run.errors import counted
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats
 from rosette_ros.core.table.trend import LEAST_LINE, Event, Forecast, Shift
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
@@ -20,7 +21,7 @@ from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import software
 from rosette_ros.presentation.table_format import Table, words
-from rosette_ros.words.effect_words import decimals, fixed, names, scale_of
+from rosette_ros.words.effect_words import decimals, fixed, names, scale_of, tolerance_words
 
 Dates = Sequence[datetime.datetime]
 YEAR = 365.25  # days
@@ -108,7 +109,7 @@ def _date(last: datetime.datetime, ahead: float, passed: str) -> str:
     return 'not in sight' if ahead > 36525 else f'{last + datetime.timedelta(days=ahead):%Y-%m-%d}'
 
 
-def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, float],
+def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, Tolerance],
                      events: Sequence[Event], forecasts: Mapping[str, Forecast]) -> Figure:
     """Return a figure of the ranges of the six error motions, (m, 6) with U, over the dates."""
     made, panels = style.figure(6.0, 3, 2)
@@ -125,7 +126,7 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
         if curve in tolerances:
             limit = factor * tolerances[curve]
             if limit > MOST_ROOM * top:
-                words += f'; tolerance {limit:.6g} {unit}, not drawn'
+                words += f'; tolerance {tolerance_words(tolerances[curve])}, not drawn'
             else:
                 panel.axhline(limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED, label='tolerance')
                 top = max(top, limit)

@@ -54,7 +54,7 @@ def _fill(sheet: Any, table: Table, openpyxl: ModuleType) -> None:
             shown = column.shown[row] if column.shown else ''
             cell = sheet.cell(3 + row, place, _value(value))
             if isinstance(value, float):
-                cell.number_format = _format(shown)
+                cell.number_format = _format(value, shown)
             if table.level(row) in FILLS:
                 cell.fill = styles.PatternFill('solid', fgColor=FILLS[table.level(row)])
             cell.alignment = styles.Alignment(wrap_text=not column.number, vertical='top')
@@ -83,10 +83,12 @@ def _plain(text: str) -> str:
     return f"'{text}" if text[:1] in ('=', '@', '+') and not re.fullmatch(r'\+[\d.]+', text) else text
 
 
-def _format(shown: str) -> str:
-    """Return the format of numbers with as many decimals as a text shows."""
+def _format(value: float, shown: str) -> str:
+    """Return the format of a number with as many decimals as its text shows, which may be in another unit."""
     found = re.search(r'\d+(?:\.(\d+))?', shown)
     places = len(found[1] or '') if found else 6
+    if found and abs(abs(value) - float(found[0])) > 0.51 * 10**-places:
+        return 'General'
     return f'0.{"0" * places}' if places else '0'
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.effects.library import BASE_EFFECTS
-from rosette_ros.core.run.number_words import SCALES, UNKNOWN, Scale
+from rosette_ros.core.run.number_words import SCALES, UNKNOWN, Scale, Tolerance
 from rosette_ros.core.run.records import in_time
 
 MEANINGS: Mapping[str, Effect] = ChainMap[str, Any](LAWS, {effect.name: effect for effect in BASE_EFFECTS})
@@ -46,6 +46,11 @@ def exact(value: float, places: int) -> str:
     """Return a number with as many decimals as it needs, at most `places`: 60, 22.5, 51.428571."""
     text = fixed(value, places)
     return text.rstrip('0').rstrip('.') if '.' in text else text
+
+
+def tolerance_words(limit: Tolerance, unit: str = '') -> str:
+    """Return a tolerance as it was stated, with its unit unless that is `unit`: '1 arcsec'."""
+    return limit.number if limit.unit == unit else f'{limit.number} {limit.unit}'
 
 
 def names(words: Iterable[str]) -> str:

@@ -52,6 +52,7 @@ def test_an_engineer_finds_what_is_asked_for():
                   'axial place of the measurement: 120 mm',
                   'Traceability CMM: 2026-K-113; thermometer: 2026-T-7', 'Clamped as in use & <'):
         assert words in first, words
+    assert ' 1 nm ' in first and ' 0.3 arcsec ' in first, 'tolerances as stated'
     for line in certificate.sets[0].lines:
         assert f'{line.curve} ({line.name}) / {"µm" if line.curve[1] == "t" else "µrad"}' in first
     assert 'U, which does not contain thermal expansion and the scale of the CMM' in first

@@ -86,11 +86,12 @@ def test_evaluate_and_report_take_the_tolerances(rosette, make_table, identity, 
     assert 'ISO 14253-1' in rosette('evaluate', table, '--identity', identity).out
     found = json.loads(rosette('evaluate', table, '--identity', identity, '--json').out)['iso_230_7']
     assert found['errors'][3]['tolerance'] == pytest.approx(1.454441e-6)  # JSON is in SI units
-    assert ' 1.454 ' in rosette('evaluate', table, '--identity', identity).out
+    assert '0.3 arcsec' in rosette('evaluate', table, '--identity', identity).out, 'as stated'
     assert ' 0.3 ' in rosette('evaluate', table, '--identity', identity, '--angle-unit', 'arcsec').out
     assert [one['iso_name'] for one in found['errors']] == ['EXC', 'EYC', 'EZC', 'EAC', 'EBC', 'ECC']
     assert found['errors'][0]['conformity'] and found['errors'][1]['conformity'] is None
     page = tmp_path / 'page.html'
     assert rosette('report', table, '--identity', identity, '-o', page).code == 0
     html = page.read_text()
+    assert '>0.3 arcsec<' in html
     assert 'Who, what, where' in html and 'ISO 14253-1' in html and 'serial number of the rotary table' in html

@@ -12,7 +12,7 @@ from benchmarks.ageing import years
 from rosette_ros.analysis import analyse
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import evaluation_row, heading
-from rosette_ros.archive.table_history import history_of
+from rosette_ros.archive.table_history import history_of, trend_of
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
@@ -160,6 +160,8 @@ def test_the_last_tolerances_count_whatever_else_is_stated():
     rows = rows_of(lambda day: plate(3), 8)
     rows[-1]['identity'] = 'schema: rosette-identity/1\ncertificate: {remarks: tolerances as agreed}\n'
     assert history_of(rows, 'a').tolerances == pytest.approx({'crz': 2e-5, 'ctz': 5e-6})
+    rows[-1]['identity'] = 'schema: rosette-identity/1\ntolerances: {crz: 0.01 arcsec}\n'
+    assert trend_of(history_of(rows, 'a')).warnings[0].endswith(' to its tolerance of 0.01 arcsec')
 
 
 def test_runs_between_the_steps_are_left_out():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identity files: what is read, what is missing, what is refused in which words."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,8 @@ def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
     other = parsed('tolerances: {crx: 2e-6 rad, cry: 2 arc seconds, crz: "3\'\'", EXC: "2um"}')
     assert other.limits(None) == pytest.approx(
         {'crx': 2e-6, 'cry': np.pi / 324000, 'crz': np.pi / 216000, 'ctx': 2e-6})
+    assert [(one.number, one.unit) for one in pickle.loads(pickle.dumps(other.limits(None))).values()] == [
+        ('2e-6', 'rad'), ('2', 'arcsec'), ('3', 'arcsec'), ('2', 'µm')], 'as stated, in another process too'
     assert parsed('tolerances: {EXC: .3 µm, cty: 2. um}').limits(None) == pytest.approx({'ctx': 3e-7, 'cty': 2e-6})
     with pytest.raises(InvalidData, match=r'who\.yaml: tolerances: EXC: expected errors of this table, EYA, EZA, EXA, '
                                           'EBA, ECA, EAA, found one of another axis; ctx … crz go with any axis'):

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from figure_texts import faults, texts_of
 
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.table.trend import Event, Forecast
 from rosette_ros.presentation.trend_results import ranges_over_time
 
 RUNS = 20
-TOLERANCES = {'ctx': 5e-6, 'ctz': 1234.5e-6, 'crz': 2e-6}
+TOLERANCES = {'ctx': Tolerance(5e-6, '5', 'µm'), 'ctz': Tolerance(1234.5e-6, '1.2345', 'mm'),
+              'crz': Tolerance(2e-6, '2', 'µrad')}
 
 
 @pytest.fixture(params=[(1 / 24, '2024-01-01'), (1, '2023-12-20'), (7, '2024-03-03'), (30, '2024-01-01'),
@@ -30,4 +32,4 @@ def test_every_text_can_be_read(dates):
     made = ranges_over_time(dates, ones, 0.2 * ones, TOLERANCES, [event], {
         'ctz': Forecast(1e-6, 1e-9, 1e-9, 1e3, 1e3, 1e2)})
     assert faults(made) == []
-    assert any('tolerance 1234.5 µm, not drawn' in text for text, _, _ in texts_of(made))
+    assert any('tolerance 1.2345 mm, not drawn' in text for text, _, _ in texts_of(made))

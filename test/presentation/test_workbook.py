@@ -13,7 +13,9 @@ openpyxl = pytest.importorskip('openpyxl')
 TABLE = Table('errors', 'Errors', (
     words('name', 'name', ['=SUM(A1)', 'ctz']),
     column('range_um', 'range', [1.23456789, float('nan')], lambda value: f'{value:.2f}', 'µm'),
-    column('exact', '', [0.1, 0.2])), levels=('bad', ''), note='A note.')
+    column('exact', '', [0.1, 0.2]),
+    column('tolerance_um', 'tolerance', [0.35, 0.5], lambda value: f'{1000 * value:.0f} nm', 'µm')),
+              levels=('bad', ''), note='A note.')
 
 
 def test_a_workbook_holds_exact_numbers_and_no_formula():
@@ -25,7 +27,8 @@ def test_a_workbook_holds_exact_numbers_and_no_formula():
     assert [first.cell(row, 1).value for row in (1, 2, 3)] == ['The model fits.', 'Nothing to do.', 'Run: run 7']
     assert first['A1'].fill.fgColor.rgb.endswith('C8E6C9')
     sheet = made['errors']
-    assert [one.value for one in sheet[2]] == ['name', 'range / µm', 'exact']
+    assert [one.value for one in sheet[2]] == ['name', 'range / µm', 'exact', 'tolerance / µm']
     assert sheet['A3'].value == "'=SUM(A1)" and sheet['A3'].data_type == 's'
     assert (sheet['B3'].value, sheet['B3'].number_format, sheet['B4'].value) == (1.23456789, '0.00', None)
+    assert (sheet['D3'].value, sheet['D3'].number_format) == (0.35, 'General'), 'shown in another unit'
     assert sheet['A6'].value == 'A note.' and sheet.freeze_panes == 'A3'

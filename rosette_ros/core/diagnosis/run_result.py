@@ -9,6 +9,7 @@ from functools import cached_property
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis, explanations_as_fits
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import ErrorMotions
 from rosette_ros.core.run.sphere_refit import SphereRefit
 from rosette_ros.core.sight.visibility import Visibility
@@ -43,11 +44,12 @@ class RunCurves:
         """The curves with their standard uncertainties."""
         return self.lines_with()[0]
 
-    def lines(self, tolerances: Mapping[str, float] | None = None) -> tuple[AxisError, ...]:
+    def lines(self, tolerances: Mapping[str, Tolerance] | None = None) -> tuple[AxisError, ...]:
         """Return the six error motions in a line each; tolerances: of ranges by curve, m and rad."""
         return self.lines_with(tolerances)[1]
 
-    def lines_with(self, tolerances: Mapping[str, float] | None = None) -> tuple[ErrorMotions, tuple[AxisError, ...]]:
+    def lines_with(self, tolerances: Mapping[str, Tolerance] | None = None,
+                   ) -> tuple[ErrorMotions, tuple[AxisError, ...]]:
         """Return the curves and their lines."""
         return stated_lines(self.fit, self.budget, tolerances, self.doubt)
 

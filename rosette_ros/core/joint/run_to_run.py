@@ -12,12 +12,13 @@ from rosette_ros.core.joint.joint_solution import JointSolution
 from rosette_ros.core.joint.sharing import Sharing
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.geometry import Floats, nominal_angles, same_angles
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import ErrorMotions, remove_gauge
 from rosette_ros.core.uncertainty import error_summary as summary
 from rosette_ros.core.uncertainty.error_summary import AxisError, SphereErrors, error_lines, extremes, four_axis_errors
 
 
-def joint_lines(result: JointResult, tolerances: Mapping[str, float] | None = None,
+def joint_lines(result: JointResult, tolerances: Mapping[str, Tolerance] | None = None,
                 doubt: str = '') -> list[tuple[TableSet, ErrorMotions, tuple[AxisError, ...]]]:
     """Return the curves and AxisErrors of each set of table motions; tolerances, doubt: as of error_lines."""
     model, out = result.solution.model, []

@@ -2,7 +2,7 @@
 """Numbers with significant digits, the same in sentences and in tables."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 UNKNOWN = '–'
 MOST_DECIMALS = 9
@@ -16,6 +16,23 @@ class Scale(NamedTuple):
 
     factor: float
     unit: str
+
+
+class Tolerance(float):
+    """An upper limit of a range, m or rad, with the number and the unit in which it was stated: '1', 'arcsec'."""
+
+    number: str
+    unit: str
+
+    def __new__(cls, value: float, number: str, unit: str) -> Self:
+        """Return a limit of so many m or rad."""
+        made = super().__new__(cls, value)
+        made.number, made.unit = number, unit
+        return made
+
+    def __getnewargs__(self) -> tuple[float, str, str]:  # type: ignore[override]
+        """Return what makes it again, in another process too."""
+        return float(self), self.number, self.unit
 
 
 ANGLES = {'urad': Scale(1e6, 'µrad'), 'arcsec': Scale(1 / ARC_SECOND, 'arcsec')}

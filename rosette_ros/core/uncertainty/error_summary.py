@@ -12,6 +12,7 @@ import numpy as np
 
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.geometry import Floats, same_angles
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import CURVES, ErrorMotions
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.mixture import Mixture
@@ -96,7 +97,7 @@ class AxisError:
     residual: float
     asynchronous: float | None = None
     u_asynchronous: float | None = None
-    tolerance: float | None = None
+    tolerance: Tolerance | None = None
     doubt: str = ''
     spread: Mixture | None = None
 
@@ -134,7 +135,7 @@ class AxisError:
         return float(COVERAGE_FACTOR) if self.spread is None else self.spread.factor(2 * SURE - 1)
 
 
-def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances: Mapping[str, float] | None = None,
+def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances: Mapping[str, Tolerance] | None = None,
                 doubt: str = '', widths: tuple[Floats, Floats] | None = None) -> tuple[AxisError, ...]:
     """Return an AxisError for each of CURVES.
 
@@ -157,7 +158,7 @@ def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances
     return tuple(lines)
 
 
-def fit_lines(fit: Fit, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
+def fit_lines(fit: Fit, tolerances: Mapping[str, Tolerance] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
     """Return the AxisErrors of a Fit, over its explanations; tolerances, doubt: as of error_lines."""
     high, low = extremes(fit.error_motions)
     if len(fit.explanations) < 2:
@@ -181,7 +182,7 @@ def _u_of_range(fit: Fit, high: Sequence[int], low: Sequence[int]) -> Floats:
     return np.asarray(fit.weighted_sigma * np.sqrt(fit.joint.difference_cofactor(high, low)))
 
 
-def lines_of(motions: ErrorMotions, spreads: Sequence[Mixture], tolerances: Mapping[str, float] | None = None,
+def lines_of(motions: ErrorMotions, spreads: Sequence[Mixture], tolerances: Mapping[str, Tolerance] | None = None,
              doubt: str = '') -> tuple[AxisError, ...]:
     """Return the AxisErrors of curves whose ranges have these distributions; the others as of error_lines."""
     lines = error_lines(motions, np.sqrt([one.moments[1] for one in spreads]), tolerances, doubt)

@@ -22,6 +22,7 @@ from rosette_ros.core.model.least_squares import Fit, SigmaSource
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import radial, rotate_z
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.run.records import ErrorMotions, Floats
 from rosette_ros.core.run.remarks import Remark, remark
 from rosette_ros.core.run.sphere_refit import SphereRefit
@@ -120,7 +121,7 @@ class Budget:
         values = _explained(self.explained)[0] if self.explained else self.fit.error_motions.values
         return replace(self.fit.error_motions, values=values, u=self.combined())
 
-    def lines(self, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
+    def lines(self, tolerances: Mapping[str, Tolerance] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
         """Return the AxisErrors of the curves with these uncertainties; tolerances, doubt: as of error_lines.
 
             u^2(range) = sigma^2 cofactor(difference) + sum over what is no noise of (u(highest) + u(lowest))^2
@@ -373,7 +374,7 @@ def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
     return out
 
 
-def stated_lines(fit: Fit, made: Budget | None, tolerances: Mapping[str, float] | None = None,
+def stated_lines(fit: Fit, made: Budget | None, tolerances: Mapping[str, Tolerance] | None = None,
                  doubt: str = '') -> tuple[ErrorMotions, tuple[AxisError, ...]]:
     """Return curves and AxisErrors of a Fit, with U of its budget where there is one; the others as of error_lines."""
     if made is None:

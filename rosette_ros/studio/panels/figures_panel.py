@@ -8,6 +8,7 @@ from nicegui import ui
 from rosette_ros.analysis import Change, RunResult, Which
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.errors import RosetteError
+from rosette_ros.core.run.number_words import Tolerance
 from rosette_ros.core.uncertainty.error_summary import fit_lines
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.error_results import change_errors, curve_changes, errors, errors_of
@@ -161,7 +162,7 @@ def preview_words(change: Change) -> str:
 
 def _show_errors(fit: Fit, result: RunResult | None, opened: OpenedRun | None) -> None:
     """Show the errors of a result, or those of the fit of a preview, which decides no tolerance."""
-    limits, words = dict[str, float](), ''
+    limits, words = dict[str, Tolerance](), ''
     try:
         limits = _source(opened).identity.limits(fit.run.rotation)
     except RosetteError as error:
