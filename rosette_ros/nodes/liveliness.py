@@ -3,7 +3,7 @@
 
 The process that is heard first has a role until its statuses stay away: what another one says does not count. A node
 whose status stays away, or whose publisher is taken down, is disconnected. A CMM without such a status is judged by its
-publishers and subscriptions alone."""
+publishers and subscriptions alone: killed and started again, it is on the graph twice for a while."""
 
 import os
 import socket
@@ -28,6 +28,7 @@ something back; s, since it began, or stood still for so long that another one m
 BETWEEN = '; '
 _LONGEST_STEP = 0.4  # between two looks for statuses: longer, and the node that looks stood still, s
 _PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
+LEAVES = 20.0  # a process that was killed stays on the graph for so long at most, the lease of Fast DDS, s
 SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
 
 
@@ -295,7 +296,7 @@ class TopicPublishers:
     """The publishers of a topic whose processes run: while there are two, nothing of it is used.
 
     rclpy does not say which publisher a message came from, but a publisher is known before its first message is
-    delivered. The publisher of a process that was killed stays on the graph for up to 20 s; statuses tell it apart.
+    delivered. The publisher of a process that was killed stays on the graph for up to LEAVES; statuses tell it apart.
 
     peer: monitor of the node that publishes it; is_idle: of an endpoint (GID), whether it does not count beside others;
     running: all endpoints; found: those that count; used: that of the last one that was alone; is_single: whether
@@ -331,6 +332,9 @@ class TopicPublishers:
     @property
     def conflict(self) -> str:
         """That more than one node publishes the topic, in words; '' where it is not so."""
+        if self.is_restart:
+            who = min(self._names[gid] for gid in self.found)
+            return f'{who} was restarted, and its process before leaves the graph within {LEAVES:g} s'
         return f'{len(self.found)} nodes {self._verb} {self.topic} ({self._who})' if len(self.found) > 1 else ''
 
     @property
@@ -341,6 +345,17 @@ class TopicPublishers:
     def is_tried(self) -> bool:
         """Whether one of several tries the CMM, which needs no warning; nothing of theirs is used all the same."""
         return any(self._names[gid].rpartition('/')[2].startswith(f'{names.TRIAL}_') for gid in self.found)
+
+    @property
+    def is_restart(self) -> bool:
+        """Whether there are two because a node without a status was started again: a second process of the same name,
+        since no longer than the one before may stay on the graph after its end."""
+        processes, who = {process_of(gid) for gid in self.found}, {self._names[gid] for gid in self.found}
+        if len(processes) < 2 or len(who) > 1 or UNNAMED in who:
+            return False
+        last = max(self._first_seen[gid] for gid in self.found)
+        return time.monotonic() - last < LEAVES and processes.isdisjoint(
+            process_of(one.endpoint_gid) for one in self._peer.publishers())
 
     def watch(self) -> None:
         """Look where something may have changed; call it often."""

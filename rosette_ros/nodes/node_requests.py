@@ -401,6 +401,7 @@ class CellMonitor:
         """Return what the cell lacks for a calibration, in words."""
         node = self._node
         missing = ['the CMM is being tried (rosette check-cmm)' if one.is_tried else
+                   f'{one.conflict}; wait' if one.is_restart else
                    f'{one.conflict}: expected one in this domain and namespace; is another cell running? Give each its '
                    'own (--domain, --namespace)' for one in self._of_one if one.conflict]
         if not (self._publishers_of[names.BALL_CENTRE].found and target_subscriptions(node)):
@@ -465,7 +466,8 @@ class CellMonitor:
     def trouble(self, processes: dict[str, str], ignored: int) -> Trouble:
         """Return what keeps a run from going on; processes, ignored: as it was asked last."""
         answers, now = self._publishers_of[names.BALL_CENTRE], self.processes()
-        is_gone = {names.CMM: not answers.found & answers.used, names.RECORDER: self._is_disconnected(names.RECORDER)}
+        is_gone = {names.CMM: answers.is_restart or not answers.found & answers.used,
+                   names.RECORDER: self._is_disconnected(names.RECORDER)}
         return Trouble([name for name in processes if is_gone[name]],
                        [name for name, process in processes.items() if now.get(name) != process],
                        '; '.join(filter(None, (one.conflict for one in self._publishers_of.values()))),

@@ -120,6 +120,36 @@ def test_ten_lines_are_a_cmm_and_a_bridge_starts_it(ten_lines, cell, module_doma
     assert begun.startswith('True ') and found.startswith(begun.removeprefix('True '))
 
 
+def test_a_cmm_without_a_status_that_is_killed_and_started_again_was_restarted(cell, module_domain_id, tmp_path,
+                                                                                wait_until):
+    """Its process before is on the graph for a while: that is no second CMM, and the run goes on in a new session."""
+    (code,) = re.findall(r'```python\n(.*?)```', DOCUMENT.read_text(encoding='utf-8'), re.DOTALL)
+    script = tmp_path / 'my_cmm.py'
+    script.write_text(code.replace('        step = (', '        __import__("time").sleep(0.3)\n        step = (', 1),
+                      encoding='utf-8')
+    command = [sys.executable, script, '--ros-args', '-r', '__ns:=/rosette']
+    started, said = [], len(cell.processes['sequencer'].text())
+
+    def strike(progress):
+        if len(started) == 1 and progress.done >= 4:
+            started[0].kill()
+            started.append(subprocess.Popen(command, env=cell_environment(module_domain_id)))
+
+    with process_of(cell, wait_until, *command[1:], env=cell_environment(module_domain_id)) as process, CellClient(
+            module_domain_id) as client:
+        started.append(process)
+        outcome = client.calibrate(on_progress=strike, check=cell.check,
+                                   options='{limits.answer_timeout_s: 30.0, limits.return_timeout_s: 60.0}')
+        started[-1].send_signal(signal.SIGINT)
+    told = cell.processes['sequencer'].text()[said:]
+    assert outcome.success, outcome.message
+    assert '/rosette/cmm was restarted, and its process before leaves the graph within 20 s' in told
+    assert 'the CMM is disconnected; the run waits for it' in told and 'the run continues in session 2' in told
+    assert 'nodes publish' not in told and 'nodes publish' not in outcome.message
+    assert read_log(outcome.log).to_run().is_complete
+    assert started[-1].wait(60) == 0
+
+
 @pytest.fixture
 def documented_cmm(cell, module_domain_id, tmp_path, wait_until):
     """Run the example of the document as it stands there."""

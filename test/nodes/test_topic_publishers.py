@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rosette_ros.nodes.liveliness import TopicPublishers
+from rosette_ros.nodes.liveliness import LEAVES, TopicPublishers
 from rosette_ros.nodes.qos import STATUS_LOST
 
 
@@ -15,6 +15,7 @@ class Topic:
     def __init__(self):
         """Start without a publisher."""
         self.on_graph, self.matched = [], 0
+        self.name_of = lambda number: f'node_{number}'
 
     def resolve_topic_name(self, name):
         """Return the name of the topic."""
@@ -22,7 +23,7 @@ class Topic:
 
     def get_publishers_info_by_topic(self, _):
         """Return the publishers on the graph."""
-        return [SimpleNamespace(endpoint_gid=[number] * 16, node_namespace='/rosette', node_name=f'node_{number}')
+        return [SimpleNamespace(endpoint_gid=[number] * 16, node_namespace='/rosette', node_name=self.name_of(number))
                 for number in self.on_graph]
 
     def get_publisher_count(self):
@@ -76,6 +77,36 @@ def test_an_idle_one_does_not_count_beside_another(clock):
         assert made.admits() and made.used == {bytes([used] * 16)} and len(made.running) == len(there)
     topic.on_graph, topic.matched = [1, 2, 3], 3
     assert not made.admits() and len(made.found) == 2
+
+
+def test_a_node_without_a_status_that_is_started_again_is_told_as_that(clock):
+    """While its process before may still be on the graph: nothing of either is used. Later there are two of one name,
+    as where another process has another name, or one process publishes twice."""
+    topic = Topic()
+    peer = SimpleNamespace(publishers=list, running=lambda: 1, is_of=lambda gid: False)
+    made = publishers_of(topic, peer)
+    topic.name_of = lambda number: 'cmm'
+    topic.on_graph, topic.matched = [1], 1
+    made.look()
+    clock.now += 100.0
+    topic.on_graph, topic.matched = [1, 2], 2
+    assert not made.admits() and made.is_restart
+    assert made.conflict == '/rosette/cmm was restarted, and its process before leaves the graph within 20 s'
+    clock.now += LEAVES
+    made.watch()
+    assert not made.admits() and not made.is_restart
+    assert made.conflict == '2 nodes publish /rosette/run_state (/rosette/cmm and /rosette/cmm)'
+    topic.on_graph, topic.matched = [2], 1
+    made.watch()
+    assert made.admits() and made.used == {bytes([2] * 16)}
+    topic.name_of = lambda number: f'node_{number}'
+    topic.on_graph, topic.matched = [2, 3], 2
+    assert not made.admits() and not made.is_restart
+    topic.name_of, peer.publishers = lambda number: 'cmm', lambda: topic.get_publishers_info_by_topic('')
+    topic.on_graph, topic.matched = [2, 4], 2
+    peer.running = lambda: 2
+    made.look()
+    assert len(made.found) == 2 and not made.is_restart, 'their statuses say that both run'
 
 
 def test_another_publisher_that_is_alone_is_used(clock):
