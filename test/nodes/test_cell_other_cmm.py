@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rosette_ros.calibration.settings import parse_settings
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import cell_environment
 from rosette_ros.core.run.errors import CellError
@@ -106,7 +107,8 @@ def ten_lines(cell, module_domain_id, tmp_path, wait_until):
 
 
 def test_ten_lines_are_a_cmm_and_a_bridge_starts_it(ten_lines, cell, module_domain_id, wait_until, tmp_path):
-    """Both programs of docs/interfaces.md: a calibration in the order that the bridge sets, and its result there."""
+    """Both programs of docs/interfaces.md: a calibration in the order and until what the bridge sets, and its result
+    there; a parameter that is none is refused in words."""
     outcome = run_with(ten_lines, cell, module_domain_id, wait_until)
     run = read_log(outcome.log).to_run()
     assert run.is_complete and np.abs(outcome.error_motions.values).max() < 1e-12
@@ -116,8 +118,18 @@ def test_ten_lines_are_a_cmm_and_a_bridge_starts_it(ten_lines, cell, module_doma
     script.write_text(PROGRAMS[1], encoding='utf-8')
     done = subprocess.run([sys.executable, script], env=cell_environment(module_domain_id), capture_output=True,
                           text=True, timeout=120, check=True)
-    begun, found = done.stdout.splitlines()
-    assert begun.startswith('True ') and found.startswith(begun.removeprefix('True '))
+    begun, ended, found = done.stdout.splitlines()
+    run_id = begun.removeprefix('True ')
+    assert begun.startswith('True ') and ended.startswith('True ') and found.startswith(run_id)
+    log = read_log(cell.log_dir / run_id)
+    assert log.to_run(run_id).is_complete and log.asked[run_id][0] == 0.95
+    settings = next(event.settings for event in log.events if event.settings)
+    assert {'order': 'diagonal', 'until.probability': 0.95, 'until.most_readings': 60}.items() <= parse_settings(
+        settings, run_id).items()
+    script.write_text(PROGRAMS[1].replace("'order': 'diagonal'", "'order': 'diagonl'"), encoding='utf-8')
+    done = subprocess.run([sys.executable, script], env=cell_environment(module_domain_id), capture_output=True,
+                          text=True, timeout=120, check=False)
+    assert done.returncode == 1 and "order: expected one of" in done.stderr and 'diagonl' in done.stderr
 
 
 def test_a_cmm_without_a_status_that_is_killed_and_started_again_was_restarted(cell, module_domain_id, tmp_path,
