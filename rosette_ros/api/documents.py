@@ -8,7 +8,8 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosette_ros.analysis import analyse, curves_over, summarise
+from rosette_ros.analysis import curves_over, summarise
+from rosette_ros.analysis import result as result_of_run
 from rosette_ros.api.evaluating import joint_result
 from rosette_ros.api.measurement import Doing, Measurement, model_of, read, several, stated_inputs
 from rosette_ros.api.result import loaded, plots
@@ -17,7 +18,8 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import Run
-from rosette_ros.io.budget_file import read_stated, refuse_examples
+from rosette_ros.io.budget_file import read_stated, refuse_examples, source_of
+from rosette_ros.io.column_map import ColumnMap, option_words
 from rosette_ros.io.identity_file import Identity, folder_of, read_identity
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
@@ -114,23 +116,24 @@ def joint_page(every: Sequence[Measurement], inputs: Stated = None, environment:
 
 def verification_page(paths: Sequence[str | Path], maker: str | Path | None = None, model: ModelLike = None,
                       annex: bool = False, whole: bool = False, command: str = '',
-                      doing: Doing = lambda words: nullcontext()) -> ReportPage:
-    """Return the report on runs that must agree as in the paper; maker: table of the maker's corrections (CSV)."""
+                      doing: Doing = lambda words: nullcontext(), columns: ColumnMap | None = None) -> ReportPage:
+    """Return the report on runs that must agree as in the paper; maker: table of the maker's corrections (CSV);
+    columns: of tables of another program."""
     page = loaded(f'{REPORT}.verification', 'report')
-    verified = verification_of(paths, maker, model, doing)
+    verified = verification_of(paths, maker, model, doing, columns)
     pictures = page.verification_pictures(verified, annex or whole)
     html = page.verification_html(verified, command, pictures, annex)
     return ReportPage(html, verified.verdict, pictures, page.verification_tables(verified))
 
 
 def verification_of(paths: Sequence[str | Path], maker: str | Path | None = None, model: ModelLike = None,
-                    doing: Doing = lambda words: nullcontext()) -> 'Verification':
-    """Return the Verification of runs by their paths; maker: as of `verification_page`."""
+                    doing: Doing = lambda words: nullcontext(), columns: ColumnMap | None = None) -> 'Verification':
+    """Return the Verification of the results of runs by their paths; maker, columns: as of `verification_page`."""
     page, origins = (loaded(f'{REPORT}.{name}', 'report') for name in ('verification', 'provenance'))
-    opened, known = [origins.open_source(path) for path in paths], model_of(model)
+    opened, known = [origins.open_source(path, columns_of=columns) for path in paths], model_of(model)
     table = page.read_maker(maker) if maker else None
     with doing('evaluating'):
-        made: Verification = page.verify([(analyse(run, known), source) for run, source in opened], table)
+        made: Verification = page.verify([(result_of_run(run, known), source) for run, source in opened], table)
     return made
 
 
@@ -146,10 +149,13 @@ def certify(runs: Any, path: str | Path, model: ModelLike = None, *, identity: s
         if not one.path:
             raise InvalidData(f'{one.name}: expected a run of a file, whose hash a certificate states; write it first '
                               '(run.write) and read it')
+        if one.columns != every[0].columns:
+            raise InvalidData(f'{one.name}: expected the runs of one certificate with the same {option_words()}, found '
+                              'others; write them as tables of ours (run.write) and read these')
     for target in (path, *([pdf] if pdf else [])):
         refuse_output(target, force)
     made = certificate_of([one.path for one in every], model, every[0].run_id, identity, inputs, environment, share,
-                          len(every) > 1 or every[0].has_plate)
+                          len(every) > 1 or every[0].has_plate, columns=every[0].columns)
     write_certificate(made, path, pdf, identity, force)
     return Path(path)
 
@@ -158,17 +164,16 @@ def certificate_of(paths: Sequence[str | Path], model: ModelLike = None, run_id:
                    identity: Identity | str | Path | None = None, inputs: Stated = None,
                    environment: str | None = None, share: str | Path | None = None, is_joint: bool = False,
                    ask: Callable[[tuple[str, ...]], object] = lambda missing: None,
-                   doing: Doing = lambda words: nullcontext()) -> 'Certificate':
+                   doing: Doing = lambda words: nullcontext(), columns: ColumnMap | None = None) -> 'Certificate':
     """Return what a certificate of runs states; identity, inputs: a file or what it says; ask: told the mandatory
-    data that nobody stated."""
+    data that nobody stated; columns: of tables of another program."""
     statements = loaded('rosette_ros.certificate.statements', 'certificate')
     known = identity if isinstance(identity, Identity) else read_identity(identity) if identity else Identity()
-    budget = inputs if isinstance(inputs, Mapping) else read_stated(inputs, environment)
     stated = statements.Inputs(
         known, known['certificate.date'] or date.today().isoformat(),
         None if model is None else model_of(model).to_mapping(), run_id, is_joint,
-        read_sharing(share, len(paths)) if is_joint else {}, budget)
-    refuse_examples(stated.budget, 'inputs' if isinstance(inputs, Mapping) else str(inputs))
+        read_sharing(share, len(paths)) if is_joint else {}, read_stated(inputs, environment), columns=columns)
+    refuse_examples(stated.budget, source_of(inputs))
     with doing('evaluating'):
         made: Certificate = statements.state(paths, stated, ask)
     return made

@@ -21,7 +21,6 @@ from rosette_ros.api.measurement import (
     model_of,
     read,
     several,
-    stated_inputs,
     with_experience,
 )
 from rosette_ros.api.result import DrawnResult, Result, frame_of, html_of, in_notebook, plots
@@ -44,7 +43,7 @@ from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.core.uncertainty.budget_monte_carlo import MonteCarlo, monte_carlo
 from rosette_ros.core.uncertainty.error_summary import ONE_SENSE, AxisError, four_axis_errors
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget
-from rosette_ros.io.budget_file import environment_of, read_stated
+from rosette_ros.io.budget_file import environment_of, read_stated, source_of
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.qdas_file import Characteristic, format_dfq
 from rosette_ros.io.sharing_file import read_sharing
@@ -273,11 +272,7 @@ def evaluated_jointly(every: Sequence[Measurement], inputs: Stated = None, envir
 def joint_result(every: Sequence[Measurement], inputs: Stated = None, environment: str | None = None,
                  share: str | Path | None = None) -> JointResult:
     """Return the runs evaluated as one, in the environment that is stated."""
-    if isinstance(inputs, Mapping):
-        stated = stated_inputs(inputs, environment)
-        within = stated.environment if stated else None
-    else:
-        within = environment_of(read_stated(inputs, environment), str(inputs or 'budget inputs'))
+    within = environment_of(read_stated(inputs, environment), source_of(inputs))
     return evaluate_jointly([one.readings for one in every], read_sharing(share, len(every)), within)
 
 

@@ -24,7 +24,7 @@ from rosette_ros.core.run.records import ErrorMotions, Run
 from rosette_ros.core.run.typed_words import as_typed
 from rosette_ros.core.uncertainty.budget_inputs import BudgetInputs
 from rosette_ros.io.ball_centre_table import write_csv
-from rosette_ros.io.budget_file import budget_inputs, read_stated
+from rosette_ros.io.budget_file import budget_inputs, read_stated, source_of
 from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.experience_file import read_experience
@@ -231,13 +231,8 @@ def stated_inputs(inputs: 'Mapping[str, Any] | str | Path | None', environment: 
     """Return what is stated for the uncertainty budget; raises InvalidData as a file does.
 
     experience: what earlier runs of the cell have taught of the environment that is stated."""
-    given: Mapping[str, Any] | None
-    if isinstance(inputs, Mapping):
-        within = {'environment': {'class': environment}} if environment else {}
-        given, source = {'schema': 'rosette-budget/1', **inputs, **within}, 'budget inputs'
-    else:
-        given, source = read_stated(inputs, environment), str(inputs or 'budget inputs')
-    return budget_inputs(given, source).knowing(experience) if given else None
+    stated = read_stated(inputs, environment)
+    return budget_inputs(stated, source_of(inputs)).knowing(experience) if stated else None
 
 
 def read(source: Any, columns: 'Columns | str | None' = None, run_id: str | None = None,

@@ -103,7 +103,8 @@ def _inputs(inputs: Inputs) -> dict[str, Any]:
     """Return what the certificate was made from besides the runs."""
     return {'identity': dict(inputs.identity.entries), 'tolerances': dict(inputs.identity.tolerances),
             'issued': inputs.issued, 'model': inputs.model, 'run_id': inputs.run_id, 'joint': inputs.is_joint,
-            'sharing': dict(inputs.sharing), 'budget': inputs.budget, 'programs': inputs.programs}
+            'sharing': dict(inputs.sharing), 'budget': inputs.budget, 'programs': inputs.programs,
+            **({'columns': inputs.columns.entries} if inputs.columns else {})}
 
 
 # Who and what -------------------------------------------------------------------------------------

@@ -24,6 +24,7 @@ from rosette_ros.certificate.dcc import (
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.run.errors import InvalidData, RosetteError, one_line
 from rosette_ros.invocation import __version__
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.identity_file import Identity, format_identity, parse_identity
 from rosette_ros.io.log_reader import find_files
 from rosette_ros.io.open_run import has_plate
@@ -124,12 +125,13 @@ def inputs_of(root: Element) -> Inputs:
     if not isinstance(values, dict):
         raise InvalidData('the element rosette:inputs, from which it is made again, is missing or unreadable')
     identity = Identity(_texts(values['identity']), _texts(values['tolerances']))
-    written = format_identity(identity)
+    written, columns = format_identity(identity), values.get('columns')
     return Inputs(
         parse_identity(written.encode()) if written else identity, str(values['issued']), values['model'],
         values['run_id'], values['joint'] is True,
         {key: tuple(one) if isinstance(one, list) else one for key, one in values['sharing'].items()},
-        values['budget'], _files(root), tuple((str(name), str(version)) for name, version in values['programs']))
+        values['budget'], read_columns(None if columns is None else _texts(columns)), _files(root),
+        tuple((str(name), str(version)) for name, version in values['programs']))
 
 
 def _files(root: Element) -> dict[str, str]:

@@ -26,6 +26,7 @@ from rosette_ros.core.uncertainty.error_summary import AxisError, doubt_of
 from rosette_ros.core.uncertainty.hidden_effects import MOST_BALLS
 from rosette_ros.core.uncertainty.uncertainty_budget import Budget, probability_of_u
 from rosette_ros.io.budget_file import budget_inputs, environment_of
+from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity
 from rosette_ros.io.reading_checks import known_temperatures, remark_on_radius
@@ -64,7 +65,7 @@ Ask = Callable[[tuple[str, ...]], object]
 class Inputs:
     """What a certificate needs besides its runs; issued: the day; sharing: fields of Sharing that are declared.
 
-    budget: what a file of budget inputs says, None where none is stated;
+    budget: what a file of budget inputs says, None where none is stated; columns: of tables of another program;
     files: names by SHA-256; programs: (name, version) of the software."""
 
     identity: Identity
@@ -74,6 +75,7 @@ class Inputs:
     is_joint: bool = False
     sharing: Mapping[str, Any] = field(default_factory=dict)
     budget: Mapping[str, Any] | None = None
+    columns: ColumnMap | None = None
     files: Mapping[str, str] = field(default_factory=dict)
     programs: tuple[tuple[str, str], ...] = field(default_factory=software)
 
@@ -167,7 +169,7 @@ def state(paths: Sequence[str | Path], inputs: Inputs,
 
 
 def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
-    run, source = open_source(path, inputs.run_id)
+    run, source = open_source(path, inputs.run_id, columns_of=inputs.columns)
     identity, contradictions = source.identity.with_changes(inputs.identity)
     limits, measured = identity.limits(run.rotation), _measured(run, source)
     days = _complete(identity, [measured], ask, inputs.issued)
@@ -190,11 +192,11 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
 
 
 def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certificate:
-    opened = [open_with_files(path, inputs.run_id) for path in paths]
+    opened = [open_with_files(path, inputs.run_id, inputs.columns) for path in paths]
     logged, contradictions = joint_identity(paths, inputs.run_id)
     identity, changed = logged.with_changes(inputs.identity)
     runs = [Measured(readings.name, (('Run', joint_head(readings)),), None, np.array([]), readings.simulated)
-            if has_plate(path) else _measured(*open_source(path, inputs.run_id))
+            if has_plate(path) else _measured(*open_source(path, inputs.run_id, columns_of=inputs.columns))
             for path, (readings, _) in zip(paths, opened, strict=True)]
     days = _complete(identity, runs, ask, inputs.issued)
     given = environment_of(inputs.budget)

@@ -31,7 +31,7 @@ from rosette_ros.core.table.trend import Event
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.stated_environment import CLASSES
 from rosette_ros.invocation import command
-from rosette_ros.io.budget_file import environment_of, format_environment, read_stated
+from rosette_ros.io.budget_file import environment_of, format_environment, read_stated, source_of
 from rosette_ros.io.experience_file import format_experience
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.io.model_file import read_model
@@ -78,7 +78,7 @@ def run_add(options: Namespace) -> int:
     local_folder(options.into)  # refused before hours of work
     model = read_model(options.model)
     identity = read_identity(options.identity) if options.identity else None
-    environment = environment_of(read_stated(options.inputs, options.environment), options.inputs or 'budget inputs')
+    environment = environment_of(read_stated(options.inputs, options.environment), source_of(options.inputs))
     logs = find_logs(options.folders)
     with progress() as show, engine_of(options) as engine:
         archive = RunArchive(options.into, make=True)

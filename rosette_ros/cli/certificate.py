@@ -13,6 +13,7 @@ from rosette_ros.certificate.statements import Certificate
 from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
 from rosette_ros.cli.console import console, doing, print_json, print_parts, print_verdict
 from rosette_ros.cli.opened import add_joint, is_joint
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.text_file import bare_name, read_limited, refuse_output
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.error_results import TITLE, errors
@@ -22,7 +23,7 @@ from rosette_ros.presentation.identity_words import SIMULATED
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='+')
-    add_shared(parser, '--run-id', '--model', '--identity')
+    add_shared(parser, '--run-id', '--columns', '--model', '--identity')
     add_joint(parser)
     parser.add_argument('-o', '--output', metavar='FILE', help='the certificate to write, XML (default: named as the '
                         'run, in this folder)')
@@ -58,7 +59,8 @@ def make(options: Namespace) -> None:
                              'the pages for people')
         refuse_output(one, options.force)
     certificate = certificate_of(options.run_path, options.model, options.run_id, options.identity, options.inputs,
-                                 options.environment, options.share, is_joint(options), ask, doing)
+                                 options.environment, options.share, is_joint(options), ask, doing,
+                                 read_columns(options.columns))
     write_certificate(certificate, path, options.pdf, options.identity, options.force)
     show(certificate, path, options.pdf)
 
@@ -90,7 +92,8 @@ def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
 
 def check(options: Namespace) -> None:
     """Compare a certificate with its run; raises InvalidData where it is another one."""
-    for name in ('output', 'pdf', 'run_id', 'identity', 'model', 'joint', 'share', 'inputs', 'environment', 'force'):
+    for name in ('output', 'pdf', 'run_id', 'columns', 'identity', 'model', 'joint', 'share', 'inputs', 'environment',
+                 'force'):
         if getattr(options, name):
             raise UsageError(f'--{name.replace("_", "-")}: does not go with --verify, which takes all from the '
                              'certificate; leave it out')

@@ -17,14 +17,14 @@ def compare_arguments(parser: ArgumentParser) -> None:
         parser.add_argument(name, metavar=letter, help='curves (CSV with '
                             'table_angle_deg, ctz_um, crz_urad ... and u_ or U_ of them), a correction (YAML), or a '
                             'run')
-    add_shared(parser, '--angle-unit')
+    add_shared(parser, '--columns', '--angle-unit')
     add_formats(parser, csv='print the differences at each angle as a table')
 
 
 def run_compare(options: Namespace) -> None:
     """Print the comparison."""
     with doing('comparing'):
-        made = compare_curves(options.first, options.second)
+        made = compare_curves(options.first, options.second, options.columns)
     table, differences = made.tables()
     if options.json:
         print_json(made.to_mapping())

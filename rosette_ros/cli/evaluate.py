@@ -191,7 +191,7 @@ def run_diagnose(options: Namespace) -> None:
         show_cell(options)
         return
     path, = options.run_path
-    opened, other = Opened(options, path), read(options.check) if options.check else None
+    opened, other = Opened(options, path), read(options.check, options.columns) if options.check else None
     with doing('diagnosing'):
         found = evaluating.diagnose(opened.measured, opened.model, other)
     if options.json:

@@ -17,6 +17,7 @@ from rosette_ros.cli.console import console, doing, head, print_verdict
 from rosette_ros.cli.opened import Opened, add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.io.csv_parser import read_columns
 from rosette_ros.io.text_file import bare_name, refuse_output, write_text
 from rosette_ros.presentation.plots.plot_style import save_all
 from rosette_ros.presentation.table_format import Table
@@ -56,8 +57,7 @@ def run(options: Namespace) -> None:
         raise InvalidData('report: --format goes with --figures only; leave it out')
     if bool(options.run_path) == bool(options.compare):
         raise InvalidData('report: expected either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
-    for name in ('inputs', 'environment', 'run_id', 'columns', 'overlay', 'joint', 'share', 'identity',
-                 'refit_spheres'):
+    for name in ('inputs', 'environment', 'run_id', 'overlay', 'joint', 'share', 'identity', 'refit_spheres'):
         if options.compare and getattr(options, name):
             raise InvalidData(f'report: --{name.replace("_", "-")} does not go with --compare; leave it out')
     if options.compare:
@@ -86,7 +86,8 @@ def report_run(options: Namespace, place: str) -> None:
     measured = Opened(options, place).measured
     with doing('', len(STEPS) + is_whole) as step:
         page = run_page(measured, options.model, options.inputs, options.environment, options.identity,
-                        options.overlay, options.refit_spheres, options.annex, is_whole, options.command_line, step)
+                        [read(one, options.columns) for one in options.overlay],
+                        options.refit_spheres, options.annex, is_whole, options.command_line, step)
     write(options, page, path)
 
 
@@ -94,7 +95,8 @@ def compare_runs(options: Namespace) -> None:
     """Write the report on runs that must agree."""
     path = output_of(options, 'verification')
     write(options, verification_page(options.compare, options.maker, options.model, options.annex,
-                                     bool(options.figures), options.command_line, doing), path)
+                                     bool(options.figures), options.command_line, doing,
+                                     read_columns(options.columns)), path)
 
 
 def output_of(options: Namespace, name: str) -> Path:

@@ -27,15 +27,23 @@ def read_budget(path: str | Path) -> BudgetInputs:
     return budget_inputs(read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData), str(path))
 
 
-def read_stated(path: str | Path | None, environment: str | None = None) -> dict[str, Any] | None:
-    """Return what a file of budget inputs says, as YAML, None without one; raises InvalidData as read_budget.
+def read_stated(inputs: Mapping[str, Any] | str | Path | None, environment: str | None = None) -> dict[str, Any] | None:
+    """Return what budget inputs say, a file or as it says them, None where nothing is; raises InvalidData as
+    read_budget.
 
-    environment: a class that takes the place of what it says of the environment."""
-    given: Any = {'schema': SCHEMA} if environment else None
-    if path:
-        given = read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData)
-        budget_inputs(given, str(path))
-    return {**given, **({ENVIRONMENT: {'class': environment}} if environment else {})} if given else None
+    environment: a class that takes the place of what they say of the environment."""
+    stated: dict[str, Any] = {}
+    if inputs:
+        stated = ({'schema': SCHEMA, **inputs} if isinstance(inputs, Mapping) else
+                  read_yaml(inputs, 'a file of budget inputs', MOST_BYTES, InvalidData))
+        budget_inputs(stated, source_of(inputs))
+    within = {ENVIRONMENT: {'class': environment}} if environment else {}
+    return {'schema': SCHEMA, **stated, **within} if stated or within else None
+
+
+def source_of(inputs: Mapping[str, Any] | str | Path | None) -> str:
+    """Return the name of budget inputs in errors: of their file, where they are from one."""
+    return str(inputs) if isinstance(inputs, str | Path) else 'budget inputs'
 
 
 def refuse_examples(given: Any, source: str) -> None:

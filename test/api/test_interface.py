@@ -14,7 +14,9 @@ import pandas
 import pytest
 
 import rosette_ros as rosette
+from rosette_ros.api.documents import certificate_of
 from rosette_ros.cli.main import main
+from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import CURVES
 
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
@@ -277,6 +279,48 @@ def test_the_report_is_that_of_the_command_line(table, tmp_path):
     lines, others = (path.read_text(encoding='utf-8').splitlines() for path in (page, made))
     less = [line for line in lines if line not in others]
     assert len(less) <= 4 and any('rosette report' in line for line in less), less
+
+
+def test_verbs_that_take_runs_take_columns(table, tmp_path, capsys):
+    """A certificate states what the columns are, so that it is compared without; curves of two; a second run."""
+    own = pandas.read_csv(table, comment='#')[['table_position', 'ball', 'x_mm', 'y_mm', 'z_mm']]
+    own.columns = ['Pos', 'Kugel', 'X', 'Y', 'Z']
+    own.to_csv(foreign := tmp_path / 'own.csv', index=False)
+    columns = 'table=Pos,ball=Kugel,x=X,y=Y,z=Z,radius_mm=182.5'
+    identity, xml = tmp_path / 'identity.yaml', tmp_path / 'cert.xml'
+    identity.write_text('schema: rosette-identity/1\ncertificate: {number: "7"}\nlaboratory: {country: DE}\n'
+                        'measured: {begin: 2026-04-12}\n')
+    assert main(['certificate', str(foreign), '--columns', columns, '--identity', str(identity), '-o', str(xml)]) == 0
+    assert main(['certificate', '--verify', str(xml), str(foreign)]) == 0, capsys.readouterr().err
+    assert main(['certificate', '--verify', str(xml), str(foreign), '--columns', columns]) == 2
+    made = rosette.certify(rosette.read(foreign, columns), tmp_path / 'other.xml', identity=identity)
+    assert rosette.read(foreign, columns).columns and made.exists()
+    with pytest.raises(InvalidData, match='expected the runs of one certificate with the same columns=, found others'):
+        rosette.certify([rosette.read(foreign, columns), table], tmp_path / 'third.xml', identity=identity)
+    capsys.readouterr()
+    assert main(['compare-curves', str(foreign), str(foreign), '--columns', columns, '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert max(abs(value) for one in found['curves'].values() for value in one['difference']) < 1e-9
+    assert main(['report', str(foreign), '--overlay', str(foreign), '--columns', columns, '-o', str(tmp_path / 'o.html')
+                 ]) == 0
+
+
+def test_an_environment_goes_with_inputs_that_are_a_mapping(table, tmp_path):
+    """As with those of a file: in the statement of a certificate, and of several runs as one."""
+    identity = tmp_path / 'identity.yaml'
+    identity.write_text('schema: rosette-identity/1\ncertificate: {number: "7"}\nlaboratory: {country: DE}\n'
+                        'measured: {begin: 2026-04-12}\n')
+    form = {'ball_form': {'form_um': 0.5}}
+    (tmp_path / 'form.yaml').write_text('schema: rosette-budget/1\nball_form: {form_um: 0.5}\n')
+    made = [certificate_of([table], identity=identity, inputs=inputs, environment='laboratory')
+            for inputs in (form, tmp_path / 'form.yaml')]
+    assert made[0].inputs.budget == made[1].inputs.budget
+    assert dict(made[0].evaluation)['Environment'] == dict(made[1].evaluation)['Environment'] != 'none stated'
+    assert [line.expanded for line in made[0].sets[0].lines] == [line.expanded for line in made[1].sets[0].lines]
+    assert made[0].sets[0].lines[0].expanded > certificate_of(
+        [table], identity=identity, inputs=form).sets[0].lines[0].expanded
+    with pytest.raises(InvalidData, match='budget inputs: expected the section environment only with several runs'):
+        rosette.evaluate([table, table], inputs=form)
 
 
 def test_an_evaluation_is_a_workbook(table, tmp_path, capsys):

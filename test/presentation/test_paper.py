@@ -13,7 +13,7 @@ import pytest
 from pypdfium2 import raw
 from summaries import summary_of
 
-from rosette_ros.analysis import summarise
+from rosette_ros.analysis import RunResult, summarise
 from rosette_ros.core.run.remarks import RemarkKind, remark
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.identity_file import parse_identity
@@ -63,7 +63,8 @@ def html_of(kind):
     """Return the report of a run without and with one and three causes, of one with gaps and wrong readings, or of a
     verification."""
     if kind == 'verification':
-        return verification_html(verify([(summary_of('drift').fit, Source(f'{run}.csv', ())) for run in range(6)]))
+        found = RunResult(summary_of('drift').fit)
+        return verification_html(verify([(found, Source(f'{run}.csv', ())) for run in range(6)]))
     if kind == 'annexed':
         path = f'/a/path/{"of_a_long_name" * 12}.csv'
         source = Source(path, (FileDigest(path, 12, 'ab' * 32),))

@@ -102,7 +102,8 @@ def test_effects_are_told_in_si_and_as_a_person_reads_them():
 @pytest.mark.parametrize('hidden', ['clean', 'drift'])
 def test_numbers_have_their_unit_in_the_head(hidden):
     """Of every column of numbers in every file."""
-    every = [*tables(hidden).values(), *verification_tables(verify([run[2:] for run in verification_runs()]))]
+    verified = verify([(RunResult(fit), source) for *_, fit, source in verification_runs()])
+    every = [*tables(hidden).values(), *verification_tables(verified)]
     assert len({table.name for table in every}) == len(every)
     for table in every:
         assert len({column.key for column in table.columns}) == len(table.columns), table.name

@@ -4,15 +4,21 @@
 import numpy as np
 import pytest
 from page_reader import Page
-from summaries import verification_runs
+from summaries import summary_of, verification_runs
 
-from rosette_ros.analysis import analyse
+from rosette_ros.analysis import RunResult, Which, result
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import CURVES, remove_gauge
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.presentation.report.provenance import Source
-from rosette_ros.presentation.report.verification import MakerTable, read_maker, verification_html, verify
+from rosette_ros.presentation.report.verification import (
+    MakerTable,
+    read_maker,
+    verification_html,
+    verification_tables,
+    verify,
+)
 from rosette_ros.simulation import Machine, MachineConfig
 
 NANOMETRE, NANORADIAN = 1e-9, 1e-9
@@ -21,8 +27,8 @@ REPRODUCED = 40 * NANOMETRE, 350 * NANORADIAN
 
 
 def pairs(n=8):
-    """Return (Fit, Source) of six simulated runs."""
-    return [(fit, source) for _, _, fit, source in verification_runs(n)]
+    """Return (RunResult, Source) of six simulated runs."""
+    return [(RunResult(fit), source) for _, _, fit, source in verification_runs(n)]
 
 
 def maker_of(machine):
@@ -81,7 +87,7 @@ def test_runs_that_must_not_agree_do_not_count():
 def test_reproducibility_is_the_mean_standard_deviation():
     """Worked out by hand for one curve of four runs."""
     found = verify(pairs()[:4])
-    cty = np.array([fit.error_motions['cty'] for fit, _ in pairs()[:4]])
+    cty = np.array([one.fit.error_motions['cty'] for one, _ in pairs()[:4]])
     by_hand = [(sum((x - sum(xs) / 4)**2 for x in xs) / 3)**0.5 for xs in cty.T]
     assert found.reproducibility[1] == pytest.approx(sum(by_hand) / 8, rel=1e-12)
 
@@ -90,10 +96,23 @@ def test_runs_that_differ_are_said_to_differ():
     """One run of another table, at another place in the list."""
     other = Machine(MachineConfig().changed(seed=9, plate={'balls': 8}, table={'rotation_urad': 3.0}))
     runs = pairs()[:4]
-    runs[1] = analyse(other.run(plan(8, 'diagonal'))), Source('other.csv', ())
+    runs[1] = result(other.run(plan(8, 'diagonal'))), Source('other.csv', ())
     found = verify(runs)
     assert found.verdict.level == Level.BAD
     assert '(ii) plate turned' in found.verdict.action
+
+
+def test_the_results_are_compared():
+    """Where a run lacks something its averaged curves with their U count; the table of the runs says which."""
+    summary = summary_of('drift')
+    found = verify([(RunResult(summary.fit, summary.diagnosis), Source(f'{run}.csv', ())) for run in range(4)])
+    averaged = summary.diagnosis.final.error_motions
+    np.testing.assert_array_equal(found.values[0], averaged.values)
+    np.testing.assert_array_equal(found.u[0], averaged.u)
+    assert not np.array_equal(averaged.values, summary.fit.error_motions.values)
+    (_, runs, *_) = verification_tables(found)
+    assert [column.values for column in runs.columns if column.key == 'curves'] == [(Which.AVERAGED,) * 4]
+    assert not [column for column in verification_tables(verify(pairs()))[1].columns if column.key == 'curves']
 
 
 @pytest.mark.usefixtures('sketched')
@@ -121,14 +140,14 @@ def test_another_number_of_runs(count):
 
 def test_runs_of_different_plates():
     """Names both files."""
-    other = analyse(Machine(MachineConfig().changed(plate={'balls': 6})).run(plan(6, 'diagonal')))
+    other = result(Machine(MachineConfig().changed(plate={'balls': 6})).run(plan(6, 'diagonal')))
     with pytest.raises(InvalidData, match=r'six\.csv: expected 8 balls on R = 182\.5 mm as in 1\.csv, found 6 on'):
         verify([*pairs()[:3], (other, Source('six.csv', ()))])
 
 
 def test_runs_at_other_table_angles():
     """Names both files, also where plates and numbers are alike."""
-    between = analyse(Machine(MachineConfig().changed(plate={'balls': 8})).run(plan(8, 'diagonal').shifted(22.5)))
+    between = result(Machine(MachineConfig().changed(plate={'balls': 8})).run(plan(8, 'diagonal').shifted(22.5)))
     with pytest.raises(InvalidData, match=r'half\.csv: expected table angles from 0 deg on as in 1\.csv, found them '
                                           r'from '
                                           r'22\.5 deg on; take runs at the same angles'):

@@ -12,6 +12,7 @@ from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.io.column_map import ColumnMap
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import find_files
 from rosette_ros.io.open_run import has_plate, is_log, open_readings
@@ -29,9 +30,10 @@ from rosette_ros.words.result_words import conclusion_text
 CLOCKWISE_LESS = 'counter-clockwise less clockwise'
 
 
-def open_with_files(path: Path | str, run_id: str | None = None) -> tuple[Readings, tuple[FileDigest, ...]]:
-    """Return the Readings of a log or table and the files they come from; raises InvalidData as `open_readings`."""
-    run = open_readings(path, run_id)
+def open_with_files(path: Path | str, run_id: str | None = None,
+                    columns_of: ColumnMap | None = None) -> tuple[Readings, tuple[FileDigest, ...]]:
+    """Return the Readings of a log or table and the files they come from, and raise InvalidData, as `open_readings`."""
+    run = open_readings(path, run_id, columns_of)
     return run, files_of(path, run)
 
 

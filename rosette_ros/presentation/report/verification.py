@@ -16,12 +16,13 @@ import numpy as np
 import scipy  # which loads its parts where they are used
 from matplotlib.figure import Figure
 
+from rosette_ros.core.diagnosis.run_result import RunResult
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import same_angles
 from rosette_ros.core.run.number_words import p_value
-from rosette_ros.core.run.records import CURVES, SI_UNITS, Floats, Ints
+from rosette_ros.core.run.records import CURVES, SI_UNITS, ErrorMotions, Floats, Ints
 from rosette_ros.core.uncertainty.error_summary import peak_to_valley
 from rosette_ros.io.csv_cells import cells_of
 from rosette_ros.io.text_file import read_limited
@@ -49,12 +50,22 @@ DIGITS = 3, 3, 3, 2, 2, 2
 
 @dataclass(frozen=True, eq=False)
 class VerificationRun:
-    """One run of a verification: its role, its report, and the curves that must not agree."""
+    """One run of a verification: its role, its result, where it is from, and the curves that must not agree."""
 
     label: str
-    fit: Fit
+    result: RunResult
     source: Source
     apart: tuple[str, ...] = ()
+
+    @property
+    def fit(self) -> Fit:
+        """That of the curves."""
+        return self.result.curves.fit
+
+    @property
+    def motions(self) -> ErrorMotions:
+        """The curves of the result, with U."""
+        return self.result.curves.motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +92,7 @@ class Verification:
     @property
     def angle(self) -> Floats:
         """Nominal table angles, (n,), rad."""
-        return self.members[0].fit.error_motions.angle
+        return self.members[0].motions.angle
 
     @property
     def rotation(self) -> Floats | None:
@@ -91,7 +102,7 @@ class Verification:
     @cached_property
     def values(self) -> Floats:
         """Curves of all runs, (m, n, 6), m and rad; NaN where a run must not agree."""
-        out = np.array([one.fit.error_motions.values for one in self.members])
+        out = np.array([one.motions.values for one in self.members])
         for place, one in enumerate(self.members):
             out[place][:, [CURVES.index(curve) for curve in one.apart]] = np.nan
         return out
@@ -109,7 +120,7 @@ class Verification:
     @cached_property
     def u(self) -> Floats:
         """Standard uncertainties of all runs, (m, n, 6), m and rad."""
-        return np.array([one.fit.error_motions.u for one in self.members])
+        return np.array([one.motions.u for one in self.members])
 
     @cached_property
     def counts(self) -> Ints:
@@ -148,7 +159,7 @@ class Verification:
     def switched(self, curve: str) -> Floats | None:
         """Return what a switched-off correction adds to a curve, (n,), None where no run has it off."""
         runs = [one for one in self.members if curve in one.apart]
-        return runs[0].fit.error_motions[curve] - self.mean[:, CURVES.index(curve)] if runs else None
+        return runs[0].motions[curve] - self.mean[:, CURVES.index(curve)] if runs else None
 
     def remainder(self, curve: str) -> Floats | None:
         """Return a curve with its correction off less the maker's table, (n,), None without both."""
@@ -173,25 +184,26 @@ class Verification:
                               f'Check {worst} and {curve} first, and diagnose each run.')
 
 
-def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) -> Verification:
+def verify(runs: Sequence[tuple[RunResult, Source]], maker: MakerTable | None = None) -> Verification:
     """Return the Verification of runs in the order of ROLES; raises InvalidData where number, plates or table
     angles are wrong."""
     if len(runs) not in (4, 6):
         raise InvalidData(f'--compare: expected four runs or six, found {len(runs)}: (i) all corrected, (ii) plate '
                           'turned, (iii) CMM correction off, (iv) axial correction off too, and perhaps '
                           'table angular correction off and on again')
-    first, angle = runs[0][0].run, runs[0][0].error_motions.angle
-    for fit, source in runs[1:]:
-        if fit.run.n != first.n or not math.isclose(fit.run.radius, first.radius, rel_tol=1e-9):
-            raise InvalidData(f'{source.path}: expected {first.n} balls on R = {text.millimetres(first.radius)} as in '
-                              f'{runs[0][1].path}, found {fit.run.n} on {text.millimetres(fit.run.radius)}')
-        if not same_angles(fit.error_motions.angle, angle):
-            raise InvalidData(f'{source.path}: expected table angles from {np.rad2deg(angle[0]):.6g} deg on as in '
-                              f'{runs[0][1].path}, found them from {np.rad2deg(fit.error_motions.angle[0]):.6g} deg '
+    members = tuple(VerificationRun(label, result, source, apart)
+                    for (label, apart), (result, source) in zip(ROLES, runs, strict=False))
+    first, angle = members[0].fit.run, members[0].motions.angle
+    for one in members[1:]:
+        run, path = one.fit.run, one.source.path
+        if run.n != first.n or not math.isclose(run.radius, first.radius, rel_tol=1e-9):
+            raise InvalidData(f'{path}: expected {first.n} balls on R = {text.millimetres(first.radius)} as in '
+                              f'{members[0].source.path}, found {run.n} on {text.millimetres(run.radius)}')
+        if not same_angles(one.motions.angle, angle):
+            raise InvalidData(f'{path}: expected table angles from {np.rad2deg(angle[0]):.6g} deg on as in '
+                              f'{members[0].source.path}, found them from {np.rad2deg(one.motions.angle[0]):.6g} deg '
                               'on; '
                               'take runs at the same angles')
-    members = tuple(VerificationRun(label, fit, source, apart)
-                    for (label, apart), (fit, source) in zip(ROLES, runs, strict=False))
     return Verification(members, maker)
 
 
@@ -246,14 +258,14 @@ def verification_html(verification: Verification, command: str = '',
         sized=text.sized,
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), annexed=annexed,
-        simulated=simulated_words(simulated, len(members)), model=text.model_words(members[0].fit.model),
+        simulated=simulated_words(simulated, len(members)), model=text.model_words(members[0].result.fit.model),
         running=f'Verification, {len(members)} runs, the first {_name(members[0])}{" (SIMULATED)" * bool(simulated)}')
 
 
 def verification_pictures(verification: Verification, annexed: bool = True) -> dict[str, Figure]:
     """Return the figures of a verification by name; annexed: with those of the annex."""
     members = verification.members
-    series = [Series(one.label, one.fit.error_motions, place == 0) for place, one in enumerate(members)]
+    series = [Series(one.label, one.motions, place == 0) for place, one in enumerate(members)]
     curves = {'verification_curves': six_curves(series, extras=_extras(verification))}
     return curves | ({'differences': differences(
         [one.label for one in members], verification.angle, verification.differences, verification.expected,
@@ -314,18 +326,20 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
     conditions = Table('runs', 'The runs and their conditions', (
         words('run', 'run', [one.label for one in members]),
         words('run_id', 'name', map(_name, members)),
+        *([words('curves', 'curves', [one.result.curves.which for one in members])]
+          if any(one.result.beside for one in members) else []),
         micrometre_column('residual_rms_um', 'residual', [one.rms for one in fits]),
         micrometre_column('cmm_rms_um', 'CMM measurement errors, rms', [_rms(one.cmm) for one in fits]),
         micrometre_column('plate_rms_um', 'ball centre deviations, rms', [_rms(one.plate) for one in fits], 1)))
     spans = Table('run_spans', 'Peak to valley of the curves of each run', (
         words('run', 'run', [one.label for one in members]),
         *(column(f'span_{curve}_{text.file_unit(unit)}', curve, [
-            factor * float(peak_to_valley(one.error_motions[curve])) for one in fits],
+            factor * float(peak_to_valley(one.motions[curve])) for one in members],
                  partial(fixed, places=3 - (unit == 'µrad')), unit)
           for curve, (factor, unit) in zip(CURVES, text.curve_scales(), strict=True))))
     columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(fixed, places=1), '°')]
     for place, one in enumerate(members, 1):
-        columns += [column(f'run{place}_{curve}_{text.file_unit(unit)}', curve, factor * one.fit.error_motions[curve],
+        columns += [column(f'run{place}_{curve}_{text.file_unit(unit)}', curve, factor * one.motions[curve],
                            partial(text.signed, places=3 - (unit == 'µrad')) if place == 1 else None, unit)
                     for curve, (factor, unit) in zip(CURVES, text.curve_scales(), strict=True)]
     curves = Table('verification_curves', f'The curves of run {members[0].label}', tuple(columns))
