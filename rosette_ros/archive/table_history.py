@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES, SERIALS, decided_by
@@ -104,8 +105,7 @@ class History:
 
     def _since(self, curve: str, events: Sequence[Event]) -> Ints:
         """Return the runs since the last change of a curve that have as many balls as the last one."""
-        begin = max((event.run for event in events if any(step.series.name.startswith(curve) for step in event.steps)),
-                    default=0)
+        begin = max((event.run for event in events if curve in event.curves), default=0)
         return begin + np.flatnonzero(np.all(np.isfinite(self.curves[begin:]), axis=(1, 2)))
 
     def residual_course(self, events: Sequence[Event]) -> tuple[float, float] | None:
@@ -204,7 +204,8 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
         parts = [trend.harmonics(np.array(row['angle_rad']), np.array(row[key]),
                                  np.array(row[f'U_{key}']) / COVERAGE_FACTOR) for row in rows]
         values, u = (np.array([part[one][:most] for part in parts]) for one in (0, 1))
-        found += [TimeSeries('table', f'{curve}, {order + 1} per turn', values[:, order], u[:, order], SI_UNITS[curve])
+        found += [TimeSeries('table', f'{curve}, {order + 1} per turn', values[:, order], u[:, order], SI_UNITS[curve],
+                             curve, order + 1)
                   for order in range(most) if np.any(np.abs(values[:, order]) > LEAST_SHARE * u[:, order])]
     return found
 
@@ -330,6 +331,15 @@ class TableTrend:
             history.exchanged(event.run) for event in events])] if events else []
         return made + ([results.forecast_table(self.forecasts, self.decided, history.dates[-1])]
                        if self.forecasts else [])
+
+    def pictures(self) -> dict[str, Figure]:
+        """Return its figures by name: ranges over time, and what changed of the curves where they did."""
+        history = self.history
+        made = {'ranges': results.ranges_over_time(
+            history.dates, history.range, history.U, history.tolerances, self.events, self.forecasts)}
+        if any(event.curves for event in self.events):
+            made['changes'] = results.changes_of_curves(self.events, history.dates)
+        return made
 
     @property
     def sentence(self) -> str:

@@ -39,7 +39,7 @@ from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.plots.plot_style import save_all
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
-from rosette_ros.presentation.trend_results import ranges_over_time, size_words, slope_words, trend_html
+from rosette_ros.presentation.trend_results import size_words, slope_words, trend_html
 from rosette_ros.words.effect_words import fixed, names
 
 MOST_WORKERS = 4096
@@ -380,7 +380,8 @@ def trend_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--model', metavar='HASH', default='', help='hash of the model, or its beginning (default: '
                         'that of most runs)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the trend as a page (HTML)')
-    parser.add_argument('--figures', metavar='DIR', help='write the picture of the errors over time (PNG)')
+    parser.add_argument('--figures', metavar='DIR', help='write the pictures of the errors over time and of what '
+                        'changed (PNG)')
     add_shared(parser, '--angle-unit', '--force', '--json')
 
 
@@ -390,9 +391,7 @@ def run_trend(options: Namespace) -> None:
         refuse_output(options.output, options.force)
     history = read_history(RunArchive(options.archive), options.table, options.model)
     trend = trend_of(history)
-    pictures = {'ranges': ranges_over_time(
-        history.dates, history.range, history.U, history.tolerances, trend.events, trend.forecasts)
-    } if options.figures or options.output else {}
+    pictures = trend.pictures() if options.figures or options.output else {}
     paths = save_all({f'trend_{name}': figure for name, figure in pictures.items()}, made_folder(
         options.figures, 'to write to', ''), 'png', options.force) if options.figures else []
     said = [f'Table {history.serial or "without serial number"}, {history.dates[0]:%Y-%m-%d} to '

@@ -3,6 +3,7 @@
 
 import datetime
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,8 +38,7 @@ def events_table(events: Sequence[Event], dates: Dates, runs: Sequence[str],
 
     exchanged: for each change the devices with another serial number from then on."""
     return Table('events', 'Changes' if events else 'No change', (
-        words('between', 'between', [f'{dates[event.earliest - 1]:%Y-%m-%d} and {dates[event.latest]:%Y-%m-%d}'
-                                     for event in events]),
+        words('between', 'between', [between_words(event, dates) for event in events]),
         words('run', 'first run after it', [runs[event.run] for event in events]),
         words('what', 'what', [names(event.owners) for event in events]),
         words('exchanged', 'serial number', ['; '.join(f'{device}: {old or "-"} → {new or "-"}'
@@ -136,7 +136,7 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
             panel.plot(when[-1] + ahead, factor * (one.level + one.slope * ahead), color=style.GREY, linewidth=1.0,
                        linestyle=':', label='forecast')
         for event in events:
-            if any(step.series.name.startswith(curve) for step in event.steps):
+            if curve in event.curves:
                 panel.axvspan(when[event.earliest - 1], when[event.latest], color=style.BEFORE, alpha=0.35, linewidth=0,
                               label='change between these runs')
         panel.set(ylim=(0, 1.1 * top), ylabel=unit)
@@ -144,6 +144,39 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
         _time_axis(panel)
     style.legend_of(made, panels.flat)
     return made
+
+
+def changes_of_curves(events: Sequence[Event], dates: Dates) -> Figure:
+    """Return a figure of what changed of the error motions at the events, new less old, against the table angle.
+
+    A panel for each curve that changed at all, with a band of U (k = 2); a line for each change of it."""
+    changed = [curve for curve in CURVES if any(curve in event.curves for event in events)]
+    made, panels = style.figure(0.4 + 1.9 * -(-len(changed) // 2), -(-len(changed) // 2), 2)
+    angle = np.deg2rad(np.linspace(0, 360, 181))
+    for panel, curve in zip_longest(panels.flat, changed):
+        if curve is None:
+            panel.set_visible(False)
+            continue
+        factor, unit = text.curve_scales()[CURVES.index(curve)]
+        for place, event in enumerate(events):
+            if curve in event.curves:
+                value, u = event.difference(curve, angle)
+                colour = style.look_of(place)['color']
+                panel.fill_between(np.rad2deg(angle), factor * (value - COVERAGE_FACTOR * u),
+                                   factor * (value + COVERAGE_FACTOR * u), color=colour, alpha=0.2, linewidth=0)
+                panel.plot(np.rad2deg(angle), factor * value, color=colour, linewidth=1.3,
+                           label=f'{between_words(event, dates)}, with U (k = {COVERAGE_FACTOR})')
+        panel.axhline(0, color=style.INK, linewidth=0.8)
+        panel.set(xlim=(0, 360), ylabel=unit, xlabel='table angle in degrees')
+        panel.set_title(f'{curve}, new − old')
+        style.scale(panel, {degrees: f'{degrees}' for degrees in range(0, 361, 90)})
+    style.legend_of(made, panels.flat)
+    return made
+
+
+def between_words(event: Event, dates: Dates) -> str:
+    """Return between which dates a change lies."""
+    return f'{dates[event.earliest - 1]:%Y-%m-%d} and {dates[event.latest]:%Y-%m-%d}'
 
 
 def _time_axis(panel: Axes) -> None:
@@ -157,7 +190,7 @@ def _time_axis(panel: Axes) -> None:
 def trend_html(serial: str, model_hash: str, dates: Dates, sentences: Sequence[str], tables: Sequence[Table],
                pictures: Mapping[str, Figure], command: str = '', simulated: Sequence[str] = ()) -> str:
     """Return the trend of a table as one HTML text. sentences: what it says;
-    tables: changes, forecast; pictures: ranges; simulated: names of the runs that were."""
+    tables: changes, forecast; pictures: by name; simulated: names of the runs that were."""
     return PAGES.get_template('trend.html.j2').render(
         serial=serial, model_hash=model_hash, dates=dates, sentences=sentences,
         tables={table.name: table for table in tables}, pictures=inline_svgs(pictures), command=command,

@@ -21,6 +21,7 @@ from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import difference, worst_of
 from rosette_ros.presentation.formatting import curve_scales
 from rosette_ros.presentation.json_output import CURVE_KEYS
+from rosette_ros.presentation.report.page_parts import inline_svgs
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.words.effect_words import decimals, plain_name
 from rosette_ros.words.verdict_words import member_words
@@ -149,9 +150,12 @@ def _angles(motions: ErrorMotions) -> str:
     return f'{len(motions.angle)} from {np.rad2deg(motions.angle[0]):.6g}°'
 
 
-def table_trend(folder: str, table: str, model: str) -> TableTrend:
-    """Return the trend of a table under a model; raises InvalidData where it has few runs."""
-    return trend_of(read_history(RunArchive(folder), table, model))
+def table_trend(folder: str, table: str, model: str) -> tuple[TableTrend, str]:
+    """Return the trend of a table under a model, and what changed of its curves as a picture (SVG), '' where nothing
+    did; raises InvalidData where it has few runs."""
+    trend = trend_of(read_history(RunArchive(folder), table, model))
+    changes = {name: made for name, made in trend.pictures().items() if name == 'changes'}
+    return trend, ''.join(inline_svgs(changes).values())
 
 
 def plant_table_of(folder: str) -> Table:

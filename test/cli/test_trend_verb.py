@@ -83,10 +83,12 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tm
     text = rosette('trend', archive, '--table', 'RT-7', '--figures', tmp_path, '-o', page).out
     assert 'crz, 2 per turn' in text
     assert 'When tolerances are reached' in text
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['trend.html', 'trend_ranges.png']
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        'trend.html', 'trend_changes.png', 'trend_ranges.png']
     written = page.read_text(encoding='utf-8')
     assert all(words in written for words in ('Trend of rotary table RT-7', 'SIMULATED', 'id="table-events"',
-                                              'id="table-forecast"', '<svg'))
+                                              'id="table-forecast"', '<svg', 'What changed of the error motions',
+                                              '2024-09-27 and 2024-10-27, with U (k = 2)'))
     assert 'exists already' in refused('trend', archive, '--table', 'RT-7', '-o', page)
 
 

@@ -8,6 +8,8 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import nominal_angles
 from rosette_ros.core.table.trend import (
     LEAST_RUNS,
+    Event,
+    Shift,
     TimeSeries,
     course,
     find_events,
@@ -54,6 +56,22 @@ def test_a_change_of_3_u_is_found_within_three_runs():
         events = find_events(days[:at + 3], cut(series, at + 3), temperature[:at + 3])
         found += len(events) == 1 and abs(events[0].run - at) <= 1 and events[0].owners == ('table',)
     assert found >= 19
+
+
+def test_the_difference_of_a_curve_is_the_sum_of_its_waves_that_changed():
+    """Of 3 cos 2a + 4 sin 2a and cos 3a, with u of both; of another curve and of the plate nothing."""
+    def step(owner, size, u, *wave):
+        none = np.zeros((8, 2))
+        return Shift(TimeSeries(owner, 'name', none, none, 'rad', *wave), np.array(size), np.array(u), 0.0)
+
+    event = Event(4, 4, 4, (step('table', [3.0, 4.0], [0.3, 0.4], 'crz', 2), step('plate', [9.0, 9.0], [1.0, 1.0]),
+                            step('table', [1.0, 0.0], [0.2, 0.2], 'crz', 3),
+                            step('table', [7.0, 7.0], [1.0, 1.0], 'ctx', 1)))
+    angle = np.deg2rad([0.0, 30.0, 45.0, 200.0])
+    value, u = event.difference('crz', angle)
+    assert value == pytest.approx(3 * np.cos(2 * angle) + 4 * np.sin(2 * angle) + np.cos(3 * angle))
+    assert u[0] == pytest.approx(np.hypot(0.3, 0.2)) and u[2] == pytest.approx(np.hypot(0.4, 0.2))
+    assert event.curves == {'crz', 'ctx'}
 
 
 def test_what_changes_together_is_one_event():

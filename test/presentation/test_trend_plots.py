@@ -8,10 +8,21 @@ import pytest
 from figure_texts import faults, texts_of
 
 from rosette_ros.core.run.number_words import Tolerance
-from rosette_ros.core.table.trend import Event, Forecast
-from rosette_ros.presentation.trend_results import ranges_over_time
+from rosette_ros.core.run.records import CURVES
+from rosette_ros.core.table.trend import Event, Forecast, Shift, TimeSeries
+from rosette_ros.presentation.trend_results import changes_of_curves, ranges_over_time
 
 RUNS = 20
+
+
+def changed(run, *curves):
+    """Return a change of the second wave of curves before a run."""
+    none = np.zeros((RUNS, 2))
+    size, u = np.array([3e-6, 0.0]), np.array([1e-7, 1e-7])
+    return Event(run, run, run, tuple(Shift(TimeSeries('table', f'{curve}, 2 per turn', none, none, 'm', curve, 2),
+                                            size, u, 0.0) for curve in curves))
+
+
 TOLERANCES = {'ctx': Tolerance(5e-6, '5', 'µm'), 'ctz': Tolerance(1234.5e-6, '1.2345', 'mm'),
               'crz': Tolerance(2e-6, '2', 'µrad')}
 
@@ -33,3 +44,19 @@ def test_every_text_can_be_read(dates):
         'ctz': Forecast(1e-6, 1e-9, 1e-9, 1e3, 1e3, 1e2)})
     assert faults(made) == []
     assert any('tolerance 1.2345 mm, not drawn' in text for text, _, _ in texts_of(made))
+
+
+@pytest.mark.parametrize('events', [[changed(10, 'crz')], [changed(5, 'ctx', 'crz'), changed(12, 'ctz', 'crz')],
+                                    [changed(9, *CURVES)]])
+def test_what_changed_is_drawn_as_a_curve(dates, events):
+    """A panel for each curve that changed, a line for each change, in the unit of the curve, with U."""
+    made = changes_of_curves(events, dates)
+    assert faults(made) == []
+    shown = [panel for panel in made.axes if panel.get_visible()]
+    wanted = [curve for curve in CURVES if any(curve in event.curves for event in events)]
+    assert [panel.get_title('left')[:3] for panel in shown] == wanted
+    for panel, curve in zip(shown, wanted, strict=True):
+        assert panel.get_ylabel() == ('µm' if curve[1] == 't' else 'µrad')
+        lines = [line for line in panel.lines if len(line.get_xdata()) > 2]
+        assert len(lines) == sum(curve in event.curves for event in events) == len(panel.collections)
+        assert max(lines[0].get_ydata()) == pytest.approx(3.0)

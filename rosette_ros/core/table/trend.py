@@ -56,13 +56,16 @@ class TimeSeries:
     """One quantity over the runs.
 
     owner: what it belongs to (table, plate, CMM, an effect, the residual, one of CONSEQUENT); name: in
-    words; values: (m, c), SI, NaN where a run does not have it; u: (m, c) standard uncertainties; unit: SI."""
+    words; values: (m, c), SI, NaN where a run does not have it; u: (m, c) standard uncertainties; unit: SI; curve,
+    per_turn: of which error motion it is which wave, cosine and sine, '' and 0 of what is none."""
 
     owner: str
     name: str
     values: Floats
     u: Floats
     unit: str = 'm'
+    curve: str = ''
+    per_turn: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +108,23 @@ class Event:
         for step in self.steps:
             total[step.series.owner] = total.get(step.series.owner, 0.0) + step.strength ** 2
         return tuple(sorted(total, key=lambda owner: (owner in CONSEQUENT, -total[owner])))
+
+    @property
+    def curves(self) -> frozenset[str]:
+        """The error motions that have changed."""
+        return frozenset(step.series.curve for step in self.steps if step.series.curve)
+
+    def difference(self, curve: str, angle: Floats) -> tuple[Floats, Floats]:
+        """Return what has changed of an error motion at table angles, new minus old, m or rad, with its u, (n,) each.
+
+        d = sum over the waves that changed of a cos k phi + b sin k phi; u^2 = sum (u_a cos)^2 + (u_b sin)^2."""
+        value, square = np.zeros(len(angle)), np.zeros(len(angle))
+        for step in self.steps:
+            if step.series.curve == curve:
+                wave = np.stack([np.cos(step.series.per_turn * angle), np.sin(step.series.per_turn * angle)], axis=-1)
+                value += wave @ step.size
+                square += wave**2 @ step.u**2
+        return value, np.sqrt(square)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from rosette_ros.studio.figures import Curves, causes_figure, curves_figure, tre
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.diagnosis_panel import ICONS
 from rosette_ros.studio.panels.figures_panel import WIDTH
-from rosette_ros.studio.panels.widgets import Figure, button, card, input_field, marked, plain_table, row
+from rosette_ros.studio.panels.widgets import Figure, button, card, input_field, marked, picture, plain_table, row
 from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
@@ -181,15 +181,15 @@ class ArchivePanel:
             raise InvalidData('expected one table to be chosen, found several in the list')
         view = importlib.import_module('rosette_ros.studio.archive_view')
         folder, model = self._folder.value.strip(), self._runs.model
-        trend: TableTrend = await self._controller.ask('trend', view.table_trend, folder, table, model)
+        trend: TableTrend
+        trend, changes = await self._controller.ask('trend', view.table_trend, folder, table, model)
         history = trend.history
         self._points = [list(zip(history.paths, history.runs, strict=True))] * len(CURVES)
         self._draw(f'Table {table or "without serial number"}: error motions over time, with U (k = 2); shaded: '
                    'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,
                    history.dates, history.range, history.U, history.tolerances,
-                   [(event.earliest - 1, event.latest, {step.series.name[:3] for step in event.steps
-                                                        if step.series.owner == 'table'}) for event in trend.events])
-        self._tables.show(_fill, trend)
+                   [(event.earliest - 1, event.latest, event.curves) for event in trend.events])
+        self._tables.show(_fill, trend, changes)
 
     async def _draw_causes(self) -> None:
         if self._runs is None:
@@ -228,12 +228,15 @@ class ArchivePanel:
             await self._on_open(*self._points[trace][points[0]])
 
 
-def _fill(trend: 'TableTrend') -> None:
+def _fill(trend: 'TableTrend', changes: str) -> None:
     marked(ui.label(trend.sentence), 'archive-sentence')
     for words in trend.notes:
         ui.label(words)
     for table in trend.tables:
         plain_table(table)
+    if changes:
+        picture(changes, 'What changed of the error motions, new less old, with U (k = 2), against the table angle',
+                'archive-changes')
 
 
 def _fill_causes(found: 'CausesOfRuns') -> None:
