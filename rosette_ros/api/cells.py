@@ -15,7 +15,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import Run
 from rosette_ros.io.identity_file import Identity
-from rosette_ros.presentation.cell_results import cell_causes, cell_json, cell_runs, level_of
+from rosette_ros.presentation.cell_results import cell_causes, cell_json, cell_runs
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.words.cell_words import cell_words, order_words
 
@@ -28,7 +28,7 @@ class CellDiagnosed(Result):
     """What comes again in the runs of a cell, and what was there once; found: as the core has it."""
 
     def __init__(self, found: CellDiagnosis, first: Run) -> None:
-        self.found, self._first, self.level = found, first, level_of(found).value
+        self.found, self._first, self.level = found, first, found.level.value
 
     @property
     def causes(self) -> tuple[CellCause, ...]:

@@ -4,7 +4,6 @@
 import math
 from collections.abc import Iterable, Sequence
 
-from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.joint.cell_diagnosis import CauseInRun, CellCause, CellDiagnosis
 from rosette_ros.core.run.number_words import micrometres
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
@@ -16,13 +15,6 @@ from rosette_ros.words.verdict_words import chance
 CELL = 'rosette-cell-diagnosis/1'
 KINDS = ('property', 'once', 'possible')
 """Of a cause: comes again, was there in single runs, may be a property."""
-
-
-def level_of(found: CellDiagnosis) -> Level:
-    """Return how a cell is shown: bad where something comes again, doubtful where something was there."""
-    if found.properties:
-        return Level.BAD
-    return Level.DOUBTFUL if found.once else Level.GOOD
 
 
 def every_cause(found: CellDiagnosis) -> list[tuple[str, CellCause]]:
@@ -67,7 +59,7 @@ def _in_run(one: CauseInRun) -> str:
 def cell_json(found: CellDiagnosis, sentences: Sequence[str], orders: Iterable[tuple[str, Sequence[str]]] = ()) -> Json:
     """Return what is said of a cell as JSON; orders: with what each would show of what is hidden."""
     return plain({
-        'schema': CELL, 'level': level_of(found), 'sentences': list(sentences), 'runs': list(found.runs),
+        'schema': CELL, 'level': found.level, 'sentences': list(sentences), 'runs': list(found.runs),
         'causes': [{'kind': kind, **_cause_json(found, one)} for kind, one in every_cause(found)],
         'explanations': [{'properties': one.names, 'probability': p} for p, one in found.rates.hypotheses if p > 1e-3],
         'hidden': list(found.hidden), 'orders': [{'order': order, 'shows': list(names)} for order, names in orders]})

@@ -13,21 +13,13 @@ from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.words.effect_words import exact, names
 
 SCHEMA = 'rosette-curve-comparison/1'
-MOST_WITHIN = 0.95
-"""Share of points within U that agreeing curves have."""
 
 
 def sentences(made: CurveComparison) -> tuple[str, ...]:
     """Return in words how the curves agree, and how they were compared."""
-    known = {curve: share for curve in made.compared if (share := made.within(curve)) is not None}
-    apart = [curve for curve, share in known.items() if share < MOST_WITHIN]
-    said = []
-    if known:
-        agree = [curve for curve in known if curve not in apart]
-        said += [f'Within U: {names(agree)}.'] if agree else []
-        said += [f'Differ by more than U: {names(apart)}.'] if apart else []
-    if silent := [curve for curve in made.compared if curve not in known]:
-        said.append(f'No U is stated of {names(silent)}.')
+    said = [f'{lead} {names(curves)}.' for lead, curves in (
+        ('Within U:', made.agreeing(True)), ('Differ by more than U:', made.agreeing(False)),
+        ('No U is stated of', made.agreeing(None))) if curves]
     said.append('Taken off both: the means of all curves, and the once-per-turn parts of (ctx, cty) and (crx, cry), '
                 'which are how a plate is clamped.')
     if made.alone:

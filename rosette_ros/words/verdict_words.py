@@ -8,9 +8,10 @@ from dataclasses import replace
 from math import hypot, isnan
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
+from rosette_ros.core.diagnosis.common_cause import CommonCause, common_causes
 from rosette_ros.core.diagnosis.limits import LISTED, SURE
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
-from rosette_ros.core.diagnosis.verdict import CERTAIN, Outcome, Residual, Verdict, VerdictText
+from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict, VerdictText
 from rosette_ros.core.diagnosis.wrong_readings import WRONG, WrongReading
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.composed import GOING
@@ -213,7 +214,7 @@ def _outcome(verdict: Verdict) -> list[str]:
             it = ('them' if len(verdict.missing) > 1 else
                   'the likeliest of them' if not verdict.missing[0].depth and verdict.missing[0].alternatives else 'it')
             known = '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})'
-            what = capital('; '.join(dict.fromkeys(map(_together_words, _of_one_cause(verdict.missing)))))
+            what = capital('; '.join(dict.fromkeys(map(_together_words, common_causes(verdict.missing)))))
             lacks = (f'{what}. With {it} the residual standard deviation falls from {micrometres(before.rms)} to '
                      f'{micrometres(after.rms)}{known}.')
             scatters = [f'Even with {it}, the readings scatter more than stated: '
@@ -313,50 +314,19 @@ def _with_cause(cause: Cause) -> str:
     return ', or '.join(map(with_words, ([first for first, *_ in cause.variables], *cause.or_with)))
 
 
-def _of_one_cause(every: Sequence[MissingEffect]) -> list[list[MissingEffect]]:
-    """Return what is missing, together what goes with the same variables by one course with the same numbers."""
-    out: list[list[MissingEffect]] = []
-    for one in every:
-        known = [some for some in out if all(_goes_with(one, other) for other in some)]
-        if known:
-            known[0].append(one)
-        else:
-            out.append([one])
-    return out
-
-
-def _goes_with(one: MissingEffect, other: MissingEffect) -> bool:
-    """Return whether two motions of other bodies have one course, with searched numbers that agree within their U."""
-    first, second = MEANINGS.get(one.name), MEANINGS.get(other.name)
-    if not (isinstance(first, PhysicalEffect) and isinstance(second, PhysicalEffect) and one.cause and other.cause
-            and one.depth == other.depth == 1 and type(first.course) is type(second.course) in HOW
-            and type(first.motion) is not type(second.motion) and _with_cause(one.cause) == _with_cause(other.cause)):
-        return False
-    ways = [{part.name: part for part in some.parameters} for some in (one, other)]
-    searched = [part.name for part in first.course.searched if part.kind != 'choice']
-    return bool(searched) and all(name in ways[0] and name in ways[1] and _agree(ways[0][name], ways[1][name])
-                                  for name in searched)
-
-
-def _agree(one: Parameter, other: Parameter) -> bool:
-    return abs(one.value - other.value) <= CERTAIN * (one.u**2 + other.u**2)**0.5
-
-
-def _together_words(some: Sequence[MissingEffect]) -> str:
+def _together_words(some: CommonCause) -> str:
     """Return what is missing as far as it is known; of several motions of one course that they are one cause.
 
     'the probe moves and the table axis tilts with time (99 %), most likely by one cause, with a fixed period in time
     (period 11.3 min) (96 %)'."""
-    first, *others = some
-    causes = [one.cause for one in some if one.cause]
+    first, *others = some.effects
     effect = MEANINGS.get(first.name)
-    if not others or not isinstance(effect, PhysicalEffect):
+    if not others or not isinstance(effect, PhysicalEffect) or first.cause is None:
         return missing_words(first)
     numbers = {part.name: first.setting[part.name] for part in effect.course.searched if part.name in first.setting}
     setting = setting_words(first.name, numbers, time=first.time_unit)
-    likely = min(max((p for law, p in cause.laws if law), default=0.0) for cause in causes)
-    return (f'{names(map(_verb, some))} {_with_cause(causes[0])} ({chance(min(one.probability for one in causes))}), '
-            f'most likely by one cause, {HOW[type(effect.course)]} ({setting}) ({chance(likely)})')
+    return (f'{names(map(_verb, some.effects))} {_with_cause(first.cause)} ({chance(some.probability)}), '
+            f'most likely by one cause, {HOW[type(effect.course)]} ({setting}) ({chance(some.law_probability)})')
 
 
 def _others_words(cause: Cause, *said: str) -> str:

@@ -2,12 +2,14 @@
 """The causes of a cell: rates that are integrated, events, runs that say nothing; what is stated holds."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rosette_ros.core.diagnosis.diagnosis import search_of
 from rosette_ros.core.diagnosis.log_evidence import SIZES
+from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.joint.cell_diagnosis import CellRun, diagnose_cell, refuse_unlike
 from rosette_ros.core.joint.cell_rates import COMES_AGAIN, CellRates
 from rosette_ros.core.joint.run_causes import CauseShape, RunCauses, causes_in
@@ -188,6 +190,8 @@ def test_causes_of_one_statement_are_told_together():
     assert cause.variables == ('time',) and cause.expected > 4.8
     once, = found.once
     assert once.name == SLIP and once.in_runs[3].p > 0.9
+    assert found.level is Level.BAD and replace(found, properties=()).level is Level.DOUBTFUL
+    assert replace(found, properties=(), once=()).level is Level.GOOD
 
 
 def measured(seed, order='interleaved', **changes):

@@ -78,6 +78,10 @@ def test_only_what_is_wanted_is_taken_off_in_each_sense(before):
     """Other errors are 0; a table that knows both senses of turning gives each its own curves."""
     back = replace(before, values=-before.values)
     correction = Correction(before, back, ('ctz', 'crz'))
+    left = correction.left
+    assert np.abs(left['ctz']).max() < 1e-15 and np.abs(left['crz']).max() < 1e-15
+    np.testing.assert_array_equal(left['ctx'], before['ctx'])
+    np.testing.assert_array_equal(left.u, before.u)
     got = correction.errors(before.angle)
     assert np.flatnonzero(np.abs(got).max(axis=0)).tolist() == [2, 5]
     np.testing.assert_allclose(correction.errors(before.angle, -1), -got, atol=1e-18)

@@ -6,6 +6,7 @@ import pytest
 
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import nominal_angles
+from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.curve_comparison import TableCurves, compare_curves
 
 TURN = np.exp(1j * nominal_angles(12))
@@ -40,6 +41,9 @@ def test_a_difference_of_the_tables_is_left():
     assert -made.difference[:, 5] == pytest.approx(1e-6 * TURN.imag, abs=1e-18)
     assert -made.difference[:, 0] == pytest.approx(5e-7 * (TURN**4).real, abs=1e-18)
     assert made.within('ctz') == 1.0 and made.within('crz') < 0.5
+    assert made.agreeing(False) == ('ctx', 'crz') and made.agreeing(None) == ()
+    assert made.agreeing(True) == ('cty', 'ctz', 'crx', 'cry')
+    assert compare_curves(curves(TABLE, np.nan), curves(other, np.nan)).agreeing(None) == CURVES
 
 
 def test_a_finer_table_is_interpolated_where_the_coarser_one_has_its_angles():

@@ -15,6 +15,7 @@ import scipy  # which loads its parts where they are used
 from rosette_ros.core.diagnosis.limits import LISTED, WHOLE
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.run_search import RunSearch, with_places
+from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import OF, TIMES
@@ -139,6 +140,13 @@ class CellDiagnosis:
     doubtful: tuple[CellCause, ...]
     hidden: tuple[str, ...]
     rates: CellRates
+
+    @property
+    def level(self) -> Level:
+        """How the cell is: bad where something comes again, doubtful where something was there."""
+        if self.properties:
+            return Level.BAD
+        return Level.DOUBTFUL if self.once else Level.GOOD
 
 
 def searched(name: str, run: Run, model: Model, conditions: Mapping[str, float] | None = None) -> CellRun:

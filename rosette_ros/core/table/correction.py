@@ -64,6 +64,12 @@ class Correction:
                                (self.forward, self._amplitudes[0]))
         return np.asarray(_waves(np.atleast_1d(np.asarray(angle, dtype=float)), motions.angle) @ amplitudes * used)
 
+    @property
+    def left(self) -> ErrorMotions:
+        """What it leaves of the curves where the table turns in its positive sense."""
+        made = self.forward
+        return ErrorMotions(made.angle, made.values - self.errors(made.angle), made.u, made.rotation)
+
     def curvature(self) -> Floats:
         """Return bounds of the second derivative of the six curves by the angle, both senses, (6,), m/rad^2, 1/rad."""
         bounds = [np.abs(_orders(len(one))[:, None]**2 * one).sum(axis=0) for one in self._amplitudes]

@@ -17,6 +17,8 @@ from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 
 PAIRS = ((0, 1), (3, 4))
 """Places of the curves whose once-per-turn part is that of the clamping."""
+MOST_WITHIN = 0.95
+"""Share of points within U that agreeing curves have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +70,12 @@ class CurveComparison:
         if not np.isfinite(u).all():
             return None
         return float(np.mean(np.abs(self.difference[:, place]) <= COVERAGE_FACTOR * u))
+
+    def agreeing(self, do_agree: bool | None) -> tuple[str, ...]:
+        """Return the curves that agree within U, those that do not (False), or those without a U (None)."""
+        shares = {curve: self.within(curve) for curve in self.compared}
+        return tuple(curve for curve, share in shares.items()
+                     if (None if share is None else share >= MOST_WITHIN) is do_agree)
 
 
 def compare_curves(first: TableCurves, second: TableCurves) -> CurveComparison:

@@ -8,7 +8,7 @@ from nicegui.events import ValueChangeEventArguments
 from rosette_ros.api.correction_targets import ROS, STEPS, correction_file, is_controller
 from rosette_ros.api.evaluating import Corrected
 from rosette_ros.core.run.errors import RosetteError, one_line
-from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.core.run.records import CURVES
 from rosette_ros.io.controller_tables import Axis
 from rosette_ros.presentation.correction_results import correction_table
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
@@ -89,8 +89,7 @@ class CorrectionDialog:
 
     def _draw(self, made: Corrected) -> None:
         """Draw the curves, and what the correction leaves of them."""
-        now = made.correction.forward
-        left = ErrorMotions(now.angle, now.values - made.correction.errors(now.angle), now.u, now.rotation)
+        now, left = made.correction.forward, made.correction.left
         self._figure.draw((now, made.correction.corrected), curves_figure, [
             Curves('as they are', now, BEFORE), Curves('with the correction', left, AFTER, 'dot')])
 

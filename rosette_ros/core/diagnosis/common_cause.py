@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which of the effects that a model lacks go together, most likely by one cause: a machine that warms up moves both its
+probe and its table axis."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
+from rosette_ros.core.diagnosis.verdict import CERTAIN
+from rosette_ros.core.effects.composed import GOING, LAWS
+from rosette_ros.core.effects.effect import PhysicalEffect
+from rosette_ros.core.model.least_squares import Parameter
+
+
+@dataclass(frozen=True)
+class CommonCause:
+    """Effects of other bodies that go with the same variables by one course with the same numbers; or one alone."""
+
+    effects: tuple[MissingEffect, ...]
+
+    @property
+    def probability(self) -> float:
+        """The probability of that which is the least likely to be there."""
+        return min(one.probability for one in self.effects)
+
+    @property
+    def law_probability(self) -> float:
+        """The probability of the likeliest law by its name, of that of which it is the least."""
+        return min(max((p for law, p in one.cause.laws if law), default=0.0) for one in self.effects if one.cause)
+
+
+def common_causes(missing: Sequence[MissingEffect]) -> tuple[CommonCause, ...]:
+    """Return what is missing in its order, together what goes together."""
+    found: list[list[MissingEffect]] = []
+    for one in missing:
+        known = [some for some in found if all(_go_together(one, other) for other in some)]
+        if known:
+            known[0].append(one)
+        else:
+            found.append([one])
+    return tuple(CommonCause(tuple(some)) for some in found)
+
+
+def _go_together(one: MissingEffect, other: MissingEffect) -> bool:
+    """Return whether two motions of other bodies have one course, with searched numbers that agree within their U."""
+    first, second = LAWS.get(one.name), LAWS.get(other.name)
+    courses = [type(going.course('m')) for going in GOING]
+    if not (isinstance(first, PhysicalEffect) and isinstance(second, PhysicalEffect) and one.cause and other.cause
+            and one.depth == other.depth == 1 and type(first.course) is type(second.course) in courses
+            and type(first.motion) is not type(second.motion) and _drive(one.cause) == _drive(other.cause)):
+        return False
+    ways = [{part.name: part for part in some.parameters} for some in (one, other)]
+    searched = [part.name for part in first.course.searched if part.kind != 'choice']
+    return bool(searched) and all(name in ways[0] and name in ways[1] and _agree(ways[0][name], ways[1][name])
+                                  for name in searched)
+
+
+def _drive(cause: Cause) -> tuple[tuple[str, ...], ...]:
+    """Return the sets of variables that are said to drive it."""
+    return tuple(first for first, *_ in cause.variables), *cause.or_with
+
+
+def _agree(one: Parameter, other: Parameter) -> bool:
+    return abs(one.value - other.value) <= CERTAIN * math.hypot(one.u, other.u)

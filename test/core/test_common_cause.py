@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which effects that are missing go together, and how probable that is."""
+
+from dataclasses import replace
+
+import pytest
+
+from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
+from rosette_ros.core.diagnosis.common_cause import common_causes
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.model.least_squares import Parameter
+
+
+def cycle(name, body, period, u=5.0, p=0.99, law=0.9):
+    """Return a cycle of a body with time, with a period and its u, s."""
+    cause = Cause((), (body,), (('time',),), p, (((name,), law), ((), 1 - law)))
+    return MissingEffect(name, Setting(period=period), cause=cause, parameters=(Parameter('period', period, u, 's'),))
+
+
+PROBE = cycle('frame_cycle', 'frame', 600.0)
+TABLE = cycle('axis_tilt_cycle', 'table axis tilting', 620.0, p=0.95, law=0.8)
+
+
+def test_cycles_of_one_period_have_a_common_cause():
+    """20 s apart, within four standard uncertainties of the difference, 28.3 s; its probability is the least one."""
+    [found] = common_causes([PROBE, TABLE])
+    assert found.effects == (PROBE, TABLE)
+    assert (found.probability, found.law_probability) == (pytest.approx(0.95), pytest.approx(0.8))
+
+
+@pytest.mark.parametrize('other', [
+    cycle('axis_tilt_cycle', 'table axis tilting', 630.0),
+    cycle('frame_cycle', 'frame', 600.0),
+    replace(TABLE, cause=replace(TABLE.cause, variables=(('temperature',),))),
+    replace(TABLE, cause=replace(TABLE.cause, or_with=(('table angle',),))),
+    replace(TABLE, cause=replace(TABLE.cause, law_certain=True)),
+    replace(TABLE, name='axis_tilt_drift'), replace(TABLE, cause=None), replace(TABLE, parameters=())],
+    ids=['another period', 'one body', 'another variable', 'or another variable', 'its law is known',
+         'another course', 'nothing known', 'no period'])
+def test_others_stand_alone(other):
+    """In the order in which they are missing."""
+    assert [one.effects for one in common_causes([PROBE, other])] == [(PROBE,), (other,)]
