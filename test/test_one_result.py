@@ -24,6 +24,7 @@ from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.io.open_run import open_run
+from rosette_ros.io.qif_results import NAMESPACE
 from rosette_ros.nodes.conversions import error_motions_message
 from rosette_ros.nodes.evaluation import ModelInUse
 from rosette_ros.presentation.error_results import errors_of
@@ -75,7 +76,7 @@ def of_dcc(document, curve):
 
 @pytest.mark.usefixtures('sketched')
 def test_every_interface_gives_one_result(run_file, rosette, tmp_path):
-    """Terminal, JSON, CSV, message, report, studio, certificate and correction."""
+    """Terminal, JSON, CSV, QIF, Q-DAS, message, report, studio, certificate and correction."""
     path, found, lacks = run_file
     rows, ranges, expanded = shown(found)
     keys = [f'{curve}_{unit}' for curve, unit in SI_UNITS.items()]
@@ -108,6 +109,14 @@ def test_every_interface_gives_one_result(run_file, rosette, tmp_path):
                                    [ranges[place], expanded[place]], rtol=1e-12)
         np.testing.assert_allclose([1e-6 * float(row[key]) for row in table], found.curves.motions.values[:, place],
                                    atol=1e-18)
+
+    spc = tmp_path / 'spc.qif', tmp_path / 'spc.dfq'
+    assert rosette('evaluate', path, '--qif', spc[0], '--dfq', spc[1])[0] == 0
+    root = etree.parse(spc[0]).getroot()
+    values = [1e-6 * float(one.text) for one in root.iterfind(f'.//{{{NAMESPACE}}}Value')]
+    np.testing.assert_allclose(values, np.transpose([ranges, expanded]).ravel(), rtol=1e-8)
+    values = [1e-6 * float(line.split()[1]) for line in spc[1].read_text().splitlines() if line.startswith('K0001/')]
+    np.testing.assert_allclose(values, np.transpose([ranges, expanded]).ravel(), rtol=1e-8)
 
     document = etree.fromstring(to_xml(state([path], Inputs(parse_identity(IDENTITY.encode()), '2026-11-30'))))
     np.testing.assert_allclose([of_dcc(document, curve) for curve in CURVES], np.transpose([ranges, expanded]),

@@ -46,6 +46,7 @@ from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.budget_file import environment_of, read_stated, source_of
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.qdas_file import Characteristic, format_dfq
+from rosette_ros.io.qif_results import format_qif
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import write_text
 from rosette_ros.io.touch_log import open_refitted, refit_if_touched
@@ -70,6 +71,8 @@ from rosette_ros.words.verdict_words import verdict_text
 
 Runs = Any
 """One run, or a list of runs, each as `read` takes it."""
+SPC_FILES = {'.dfq': format_dfq, '.qif': format_qif}
+"""What writes results for statistical process control, by the ending of the file."""
 ModelLike = Model | str | Path | None
 ExperienceLike = Experience | str | Path | None
 Stated = Mapping[str, Any] | str | Path | None
@@ -175,23 +178,25 @@ class Evaluation(DrawnResult):
                 tables.fitted_effects(self.fit, 'Effects in the model'))
 
     def save_spc(self, path: str | Path, force: bool = False) -> None:
-        """Write ranges with U and tolerances as Q-DAS K-fields (AQDEF, .dfq) for statistical process control.
+        """Write ranges with U and tolerances for statistical process control: Q-DAS K-fields (AQDEF, .dfq) or a QIF 3.0
+        document (.qif).
 
         Raises InvalidData where the file exists, unless `force`, and where its name ends otherwise."""
-        if Path(path).suffix.lower() != '.dfq':
-            raise InvalidData(f'{path}: expected a name that ends in .dfq')
+        if (write := SPC_FILES.get(Path(path).suffix.lower())) is None:
+            raise InvalidData(f'{path}: expected a name that ends in {" or ".join(SPC_FILES)}')
         every, run = list[Characteristic](), self.judged.run
         for line, scale in zip(self.lines, text.curve_scales(), strict=True):
             limit, unit = line.tolerance, text.file_unit(scale.unit)
             every += [Characteristic(f'{line.curve} {line.name}, range', scale.factor * line.range,
-                                     None if limit is None else scale.factor * limit, unit),
+                                     None if limit is None else scale.factor * limit, unit,
+                                     scale.factor * line.u_range, line.conformity),
                       Characteristic(f'{line.curve}, U (k = {text.COVERAGE_FACTOR}) of the range',
                                      scale.factor * line.expanded, None, unit)]
         stated = self.judged.identity['measured.begin']
         when = (datetime.datetime.fromtimestamp(run.begun, datetime.UTC) if run.begun is not None else
                 datetime.datetime.fromisoformat(stated) if stated else None)
-        write_text(path, format_dfq(every, self.judged.identity, run.run_id or self.source, when,
-                                    self.sentences()[0]), force)
+        write_text(path, write(every, self.judged.identity, run.run_id or self.source, when, self.sentences()[0]),
+                   force)
 
     def draw(self, truth: ErrorMotions | None = None) -> Any:
         drawn, known = plots('result_plots'), truth or self.judged.measured.truth

@@ -24,7 +24,7 @@ from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 from rosette_ros.requirements import missing_words
 
 PICTURES = ('.png', '.svg', '.pdf')
-WRITTEN = ('output', 'pdf', 'xlsx', 'dfq', 'figure', 'noise_picture', 'save')
+WRITTEN = ('output', 'pdf', 'xlsx', 'dfq', 'qif', 'figure', 'noise_picture', 'save')
 """Options that name a file to write; a file that another one names is read."""
 ENDS = tuple(signal.Signals[name] for name in ('SIGTERM', 'SIGHUP') if name in signal.Signals.__members__)
 """Signals that ask a verb to end, of those that the system has."""

@@ -89,6 +89,7 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--xlsx', metavar='FILE', help='write verdict and tables as a workbook for Excel, too')
     parser.add_argument('--dfq', metavar='FILE', help='write ranges, U and tolerances as Q-DAS K-fields (AQDEF) for '
                         'statistical process control, too')
+    parser.add_argument('--qif', metavar='FILE', help='write them as a QIF 3.0 document, too')
     add_shared(parser, '--force')
     parser.add_argument('--check', action='store_true', help=f'end with exit code {LACKS} where the model lacks '
                         'something, or where that was not judged')
@@ -99,11 +100,12 @@ def evaluate_arguments(parser: ArgumentParser) -> None:
 def run_evaluate(options: Namespace) -> int:
     """Print the evaluation; return LACKS where --check is given and the model lacks something, else 0."""
     where = [1e-3 * one for one in options.test_spheres or ()]
-    for path in filter(None, (options.xlsx, options.dfq)):
+    for path in filter(None, (options.xlsx, options.dfq, options.qif)):
         refuse_output(path, options.force)
     if is_joint(options):
-        if options.dfq:
-            raise UsageError('--dfq: expected one run, found several as one; leave it out')
+        for name in ('dfq', 'qif'):
+            if getattr(options, name):
+                raise UsageError(f'--{name}: expected one run, found several as one; leave it out')
         every = joint(options, where)
         if options.xlsx:
             every.save_workbook(options.xlsx, options.force)
@@ -113,8 +115,8 @@ def run_evaluate(options: Namespace) -> int:
     made = evaluated(Opened(options, options.run_path[0]), options.refit_spheres, where)
     if options.xlsx:
         made.save_workbook(options.xlsx, options.force)
-    if options.dfq:
-        made.save_spc(options.dfq, options.force)
+    for path in filter(None, (options.dfq, options.qif)):
+        made.save_spc(path, options.force)
     if options.csv or made.verdict is None:
         warn(made.fit.run)
     if options.csv:

@@ -5,6 +5,7 @@ import datetime
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rosette_ros.core.uncertainty.error_summary import Conformity
 from rosette_ros.io.identity_file import Identity
 
 LONGEST = 80
@@ -12,12 +13,15 @@ LONGEST = 80
 
 
 class Characteristic(NamedTuple):
-    """A result: name, value, upper limit or None, unit in ASCII."""
+    """A result: name, value, upper limit or None, unit in ASCII; its standard uncertainty and what is decided about its
+    limit, None where there is none."""
 
     name: str
     value: float
     limit: float | None
     unit: str
+    u: float | None = None
+    conformity: Conformity | None = None
 
 
 def format_dfq(characteristics: Sequence[Characteristic], identity: Identity, run_id: str,
