@@ -260,17 +260,26 @@ class LogRun:
             raise InvalidData(f'{source}: expected ball centres ({BALL_CENTRE}), found none in {self.messages} '
                               'messages '
                               f'(topics: {topics}){"".join(f"; {problem}" for problem in self.problems[:1])}')
-        run = RunAssembly(self.run(run_id), source).run()
+        stated = self._stated_repeatability()
+        run = RunAssembly(self.run(run_id), source, stated[0] if stated else None).run()
         begun = 1e-9 * self.start_ns
         run = run.replace(remarks=(*self.damage, *run.remarks), simulated=self.simulated,
                           begun=begun if begun > FIRST_DATE else None)
-        if run.repeatability is not None or REPEATABILITY_KEY not in self.custom_data:
+        if run.repeatability is not None or stated is None:
             return run
+        sigma, dof, axes = stated
+        return run.replace(repeatability=sigma, repeatability_dof=dof, repeatability_axes=axes)
+
+    def _stated_repeatability(self) -> tuple[float, float | None, tuple[float, float, float] | None] | None:
+        """Return the repeatability that is known but was not measured in the log, m, its degrees of freedom, and that
+        of x, y, z."""
+        if REPEATABILITY_KEY not in self.custom_data:
+            return None
         try:
             sigma = float(self.custom_data[REPEATABILITY_KEY])
             dof = float(self.custom_data[DOF_KEY]) if DOF_KEY in self.custom_data else None
             x, y, z = map(float, self.custom_data.get(AXES_KEY, '0 0 0').split())
         except ValueError as error:
-            raise InvalidData(f'{source}: custom_data: {REPEATABILITY_KEY}: expected a number, found '
+            raise InvalidData(f'{self.path}: custom_data: {REPEATABILITY_KEY}: expected a number, found '
                               f'{self.custom_data[REPEATABILITY_KEY]!r}') from error
-        return run.replace(repeatability=sigma, repeatability_dof=dof, repeatability_axes=(x, y, z) if x else None)
+        return sigma, dof, (x, y, z) if x else None

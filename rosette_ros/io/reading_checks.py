@@ -41,26 +41,27 @@ class Check:
     text: str
 
 
-def check_answers(pairs: Pairs) -> dict[str, Remark | None]:
+def check_answers(pairs: Pairs, known: float | None = None) -> dict[str, Remark | None]:
     """Return what is wrong with answered targets by the name of the check, None where nothing is.
 
-    A check that these targets do not allow is left out: without a move of the table nothing is known of its travel."""
+    known: repeatability, m, where no reading was repeated for it. A check that these targets do not allow is left out:
+    without a move of the table nothing is known of its travel."""
     moves = [_Move(before, after) for before, after in pairwise(pairs) if _is_move(before, after)]
     found = {'stamps': _stamps(pairs)}
     if len(moves) > 1:
         found |= {'travel': _travel(moves), 'approach': _approach(moves)}
     found['places'] = _echo(pairs)
     repeated = np.array([answer.centre for target, answer in pairs if target.phase == Phase.REPEATABILITY])
-    found['resolution'] = _resolution([answer.centre for _, answer in pairs], repeated)
+    found['resolution'] = _resolution([answer.centre for _, answer in pairs], repeated, known)
     if len(repeated) > 1:
         same = not np.ptp(repeated, axis=0).any() and not (found['resolution'] or found['places'])
         found['repeatability'] = remark(RemarkKind.REPEATED_ALIKE, readings=len(repeated)) if same else None
     return found
 
 
-def remarks_on_answers(pairs: Pairs) -> tuple[Remark, ...]:
-    """Return what is wrong with answered targets."""
-    return tuple(filter(None, check_answers(pairs).values()))
+def remarks_on_answers(pairs: Pairs, known: float | None = None) -> tuple[Remark, ...]:
+    """Return what is wrong with answered targets; known: as of check_answers."""
+    return tuple(filter(None, check_answers(pairs, known).values()))
 
 
 def remark_on_two_answers(apart: Mapping[str, float]) -> tuple[Remark, ...]:
@@ -238,7 +239,7 @@ def _echo(pairs: Pairs) -> Remark | None:
     return remark(RemarkKind.ECHO, echoed=echoed, answers=len(pairs)) if 2 * echoed > len(pairs) else None
 
 
-def _resolution(centres: ArrayLike, repeated: Floats) -> Remark | None:
+def _resolution(centres: ArrayLike, repeated: Floats, known: float | None) -> Remark | None:
     spread = float(np.sqrt(np.mean(np.var(repeated, axis=0, ddof=1)))) if len(repeated) > 1 else 0.0
-    known = spread if spread > ECHO else None  # all the same: not 0 to the last bit
-    return remark_on_resolution(resolution_of(centres), known)
+    measured = spread if spread > ECHO else None  # all the same: not 0 to the last bit
+    return remark_on_resolution(resolution_of(centres), measured if len(repeated) > 1 else known)

@@ -34,10 +34,12 @@ SAME_FRAME = 1e-12
 
 @dataclass(frozen=True)
 class RunAssembly:
-    """Assembles the answers of a run: table frame, repeatability, remarks, the Run; source: named in errors."""
+    """Assembles the answers of a run: table frame, repeatability, remarks, the Run; source: named in errors; stated:
+    repeatability of a coordinate, m, where it is known but was not measured here."""
 
     answers: RunAnswers
     source: str = 'run'
+    stated: float | None = None
 
     @property
     def _where(self) -> str:
@@ -208,7 +210,7 @@ class RunAssembly:
                    for target in self.answers.asked()
                    if target.attempt == sessions[target.seq] == 1 and self.answers.count_to(target.seq) > 1)
         apart = {str(target): float(np.ptp(each, axis=0).max()) for target, each in several if len({*each}) > 1}
-        return (*remark_on_two_answers(apart), *remarks_on_answers(self.answers.counting()))
+        return (*remark_on_two_answers(apart), *remarks_on_answers(self.answers.counting(), self.stated))
 
     def _table_offset(self, targets: Sequence[Target]) -> float:
         """Return the table angle of table position 1, rad, on which all targets agree."""

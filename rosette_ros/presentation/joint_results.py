@@ -186,7 +186,10 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     fit = '' if lack is None else f'; {p_words(lack)}'
     if fits(result) is False:
         fit += ', one model does not fit'
-    return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
+    beside = len(solution.beside.chosen(solution.beside.choice)[0])
+    of_effects = f' and {beside} of effects' * bool(beside)
+    return [('Model', f'{solution.model.unknowns} unknowns{of_effects}, rank {solution.rank}, {solution.dof} degrees '
+                      'of freedom; '
                       f'{solution.hidden.shape[1]} combinations cannot be measured, {solution.hidden_in_curves} '
                       'of them in the curves, from which they are removed'
                       + ', with means and fundamental error motions that are known only together' * bool(

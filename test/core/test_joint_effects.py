@@ -101,6 +101,8 @@ def test_a_time_constant_is_one_of_the_machine():
     one, other = (next(p for p in own[0].parameters if p.name == 'tau') for own in result.effects)
     assert (one.value, one.u) == (other.value, other.u)
     assert abs(one.value - 3600 * tau) < 4 * one.u
+    solution = result.solution
+    assert solution.dof == 3 * solution.model.size - solution.rank  # the rank has the time constant
     alone = [next(p for p in find(run).final.effects[0].parameters if p.name == 'tau') for run in runs]
     assert one.u < min(p.u for p in alone)
     sizes = [np.array([p.value for p in own[0].parameters if p.name.startswith('d')]) for own in result.effects]

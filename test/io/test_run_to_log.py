@@ -11,6 +11,7 @@ from rosbags.highlevel import AnyReader
 
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import Run
+from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.log_reader import read_log
@@ -69,6 +70,16 @@ def test_bare_file_of_the_log_tells_the_repeatability_too(library, tmp_path):
     path = write_log(run, tmp_path / 'log', library)
     back = read_log(path / 'log_0.mcap').to_run()
     assert (back.repeatability, back.repeatability_dof) == (1.5e-7, 6.0)
+
+
+@pytest.mark.parametrize(('sigma', 'kinds'), [(1e-7, []), (1e-9, [RemarkKind.ROUNDED])])
+def test_rounding_is_judged_alike_in_a_table_and_in_a_log(library, tmp_path, sigma, kinds):
+    """By the repeatability that goes along: steps of 10 nm beside 0.1 um are nothing to remark on."""
+    run = make_run(repeatability=sigma)
+    table = parse_csv(format_csv(run.replace(centre=np.round(run.centre, 8))).encode())
+    back = read_log(write_log(table, tmp_path / 'log', library)).to_run()
+    for one in (table, back):
+        assert [remark.kind for remark in one.remarks if remark.kind is RemarkKind.ROUNDED] == kinds
 
 
 def test_rosbags_decodes_the_log(library, tmp_path):

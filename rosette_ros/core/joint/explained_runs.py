@@ -35,16 +35,16 @@ class JointEffect:
     """An effect of a run at a setting.
 
     fitted: as the run alone gives it, amplitudes first; columns: (q, 3 N) and tangents: (t, 3 N) of its nonlinear
-    parameters, in the axes of table angle 0, m per unit; keys: of the tangents; searched: how many numbers of it were
-    found beside its amplitudes; size: (q, q), of it R, R' R of the prior covariance of its amplitudes over the variance
-    of the noise.
+    parameters, in the axes of table angle 0, m per unit; keys: of the tangents; moments: how many of it were found,
+    between readings, beside amplitudes and tangents; size: (q, q), of it R, R' R of the prior covariance of its
+    amplitudes over the variance of the noise.
     """
 
     fitted: FittedEffect
     columns: Floats
     tangents: Floats
     keys: tuple[Key, ...]
-    searched: int
+    moments: int
     size: Floats
 
     @property
@@ -172,12 +172,9 @@ class BesideBase:
         return _together(effects)
 
     @property
-    def searched(self) -> int:
-        """How many numbers of the effects in use were found beside their amplitudes."""
-        several = [key for one in self.hypotheses for effect in one.effects for key in effect.keys
-                   if not isinstance(key, int)]
-        every = sum(effect.searched for one in self.hypotheses for effect in one.effects)
-        return every - len(several) + len({*several})
+    def moments(self) -> int:
+        """How many moments of the effects in use were found."""
+        return sum(effect.moments for one in self.hypotheses for effect in one.effects)
 
 
 def _unit(size: int, place: int) -> Floats:
@@ -317,7 +314,7 @@ def _effects_of(fitted: Fit, common: Constants, sigma: float) -> Iterable[JointE
                      for place, one in enumerate(refined))
         end = start + width
         yield JointEffect(effect, every[start:end], every[tangent:tangent + len(refined)], keys,
-                          sum(one.kind != 'choice' and one.name in setting for one in term.effect.searched),
+                          sum(one.kind == 'instant' and one.name in setting for one in term.effect.searched),
                           _size(joint.whitening.apply(joint.columns[start:end]), joint.whitening.apply(
                               effect.displacement[None])[0], sigma))
         start, tangent = end, tangent + len(refined)

@@ -185,7 +185,7 @@ class JointSolution:
     @property
     def dof(self) -> int:
         """Degrees of freedom of the residual."""
-        return 3 * self.model.size - int(self.rank) - self.beside.searched
+        return 3 * self.model.size - int(self.rank) - self.beside.moments
 
     def _in_gauge(self, values: Floats) -> Floats:
         """Return unknowns, (q,) or (q, k), brought into the gauge."""
