@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from rosette_ros.core.diagnosis.diagnosis import find, search_of
+from rosette_ros.core.diagnosis.log_evidence import State
+from rosette_ros.core.diagnosis.run_search import RunEvidence
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.joint.cell_diagnosis import experience_of
 from rosette_ros.core.joint.cell_rates import CellRates
@@ -44,6 +46,20 @@ def test_a_cause_that_the_cell_never_had_is_found_as_before():
     before, after = (search_of(run, model).posterior for model in (Model(), Model(experience=other)))
     key = ('frame_drift',), ()
     assert after.log_evidence(key) == before.log_evidence(key)
+
+
+def test_experience_says_that_a_cause_is_there_not_how_often():
+    """A second one of the same is no likelier beside the first than it was: it was told as "2 times"."""
+    run = measured(2.0)
+    gained = []
+    for model in (Model(), Model(experience=KNOWN)):
+        evidence = RunEvidence(run, model).white
+        offer = next(one for one in evidence.empty.offers() if one.family.name == 'frame_drift')
+        member = evidence.member(offer.family, offer.setting, offer.volume)
+        gained.append([State(evidence, [member] * count).log_evidence for count in (1, 2)])
+    (one, two), (known, known_twice) = gained
+    assert known - one > 1
+    assert known_twice - known == pytest.approx(two - one)
 
 
 def test_no_experience_changes_nothing():

@@ -11,8 +11,6 @@ is a Poisson process, k of one family among k! orders, with the rates of core/si
 """
 
 import copy
-import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -277,10 +275,10 @@ class State:
         self.left = evidence.total - float(self.product @ self.inverse @ self.product)
         fall = evidence.total - self.left
         self.likelihood = float(log_bayes_factor(log_det, fall, evidence.total, evidence.dof))
-        times = Counter(one.name for one in members)
-        self.log_evidence = float(self.likelihood + occam.sum()
-                                  + sum(one.volume + one.family.log_prior for one in members)
-                                  - sum(math.lgamma(count + 1) for count in times.values()))
+        names = [one.name for one in members]
+        self.log_evidence = float(self.likelihood + occam.sum() + sum(
+            one.volume + one.family.log_prior_beside(names[:place].count(one.name))
+            for place, one in enumerate(members)))
 
     def _root(self, which: Sequence[int], sizes: Floats) -> tuple[Floats, float]:
         """Return R with R R' = (G + 1/tau^2)^-1 of some members, 0 for the others, and ln det(1 + tau G tau)."""
@@ -405,7 +403,7 @@ class State:
             value = log_bf[own]
             if seen[own].any():  # of what this order hides altogether a run says nothing
                 best, whole = int(np.argmax(np.where(seen[own], value, -np.inf))), float(log_mean(value))
-                prior = family.log_prior - math.log(1 + self.names.count(family.name))
+                prior = family.log_prior_beside(self.names.count(family.name))
                 next_best = np.argsort(-value)[1:FURTHER] if family.is_coarse else ()
                 out.append(Suggestion(whole + prior, family, family.settings[best], whole - float(value[best]),
                                       tuple(family.settings[place] for place in next_best)))

@@ -109,7 +109,7 @@ class Posterior:
     @cached_property
     def alone(self) -> 'Posterior':
         """The same without what experience of the cell has added to the priors."""
-        return Posterior({key: (value - sum(family.learnt for family, _ in places), places)
+        return Posterior({key: (value - sum({family.name: family.learnt for family, _ in places}.values()), places)
                           for key, (value, places) in self._looked.items()})
 
     def explanations(self, share: float = WHOLE) -> tuple[Explanation, ...]:

@@ -7,6 +7,7 @@ with any vectors that the model leaves. Columns are waves (functions of the read
 has to be written out: B v' is a product of waves with directions times v.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -69,6 +70,12 @@ class CauseFamily:
     def is_free(self) -> bool:
         """Whether it has no name."""
         return self.effect is FREE
+
+    def log_prior_beside(self, same: int) -> float:
+        """Return the log prior of one more beside so many of the same, of which any may be the first.
+
+        What experience of a cell has added says that it is there, not how often."""
+        return self.log_prior - self.learnt * (same > 0) - math.log(1 + same)
 
     @property
     def is_coarse(self) -> bool:
