@@ -2,11 +2,14 @@
 """Whether ROS can work with what the environment says: else it ends the process, in many lines, or never names it."""
 
 import os
+import re
 import socket
 from collections.abc import Mapping
 from pathlib import Path
+from xml.etree import ElementTree
 
 from rosette_ros.core.run.errors import CellError
+from rosette_ros.io.text_file import read_limited
 from rosette_ros.nodes import names
 
 _LOGS = {'ROS_LOG_DIR': '', 'ROS_HOME': 'log', 'HOME': '.ros/log'}
@@ -14,6 +17,11 @@ _LOGS = {'ROS_LOG_DIR': '', 'ROS_HOME': 'log', 'HOME': '.ros/log'}
 _SWITCHES = 'RCUTILS_LOGGING_USE_STDOUT', 'RCUTILS_LOGGING_BUFFERED_STREAM', 'RCUTILS_COLORIZED_OUTPUT'
 _PEERS, _LONGEST_PEER = 'ROS_STATIC_PEERS', 255
 _ENABLE, _STRATEGY, _KEYSTORE = 'ROS_SECURITY_ENABLE', 'ROS_SECURITY_STRATEGY', 'ROS_SECURITY_KEYSTORE'
+_RMW, _FAST_DDS, _CYCLONE_DDS = 'RMW_IMPLEMENTATION', ('', 'rmw_fastrtps_cpp'), 'rmw_cyclonedds_cpp'
+_PROFILES, _SETTINGS, _LONGEST_SETTINGS = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'CYCLONEDDS_URI', 1 << 16
+_TAG = re.compile(r'''<!--.*?-->|<[?].*?[?]>|<(/?)([^\s<>/"']*)([\s/](?:"[^"]*"|'[^']*'|[^<>"'])*)?>''', re.DOTALL)
+"""A comment, an instruction, or a tag: / where it closes, name, attributes."""
+_BETWEEN = ' \t\r\n,'
 _INDEX = Path('share', 'ament_index', 'resource_index', 'rmw_typesupport')
 
 
@@ -21,12 +29,12 @@ def check_middleware(environ: Mapping[str, str] = os.environ) -> None:
     """Raise CellError where RMW_IMPLEMENTATION is not installed; call it before rclpy is loaded.
 
     environ: mapping with AMENT_PREFIX_PATH. Nothing is checked where none is known to be installed."""
-    wanted = environ.get('RMW_IMPLEMENTATION', '')
+    wanted = environ.get(_RMW, '')
     folders = [Path(prefix) / _INDEX for prefix in environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
     there = sorted({path.name for folder in folders if folder.is_dir() for path in folder.iterdir()
                     if path.name.startswith('rmw_') and path.name != 'rmw_implementation'})
     if wanted and there and wanted not in there:
-        raise CellError(f'RMW_IMPLEMENTATION: expected one that is installed, {" or ".join(there)}, found '
+        raise CellError(f'{_RMW}: expected one that is installed, {" or ".join(there)}, found '
                         f'{wanted!r:.80}; '
                         'unset it, or install that one')
 
@@ -49,7 +57,60 @@ def check_environment(domain_id: int | None, environ: Mapping[str, str] = os.env
         raise CellError(f'{_KEYSTORE}: expected the folder of the keys, as {_STRATEGY} is Enforce, found '
                         f'{keys!r:.80}; set '
                         f'it (docs/security.md), or unset {_ENABLE}')
+    if environ.get(_RMW, '') in _FAST_DDS and (file := environ.get(_PROFILES, '')):
+        _check_profiles(file)
+    if environ.get(_RMW) == _CYCLONE_DDS:
+        _check_settings(environ.get(_SETTINGS, ''))
     _check_logs(environ)
+
+
+def _settings_file(variable: str, name: str) -> str:
+    """Return the text of a file with settings of a middleware; raises CellError."""
+    try:
+        return read_limited(name, 'a file', _LONGEST_SETTINGS, CellError).decode('utf-8', 'replace')
+    except CellError as error:
+        raise CellError(f'{variable}: {error}; correct it, or unset it') from error
+
+
+def _check_profiles(name: str) -> None:
+    """Raise CellError where Fast DDS would leave out its profiles: without them it does what nobody asked for."""
+    try:
+        ElementTree.fromstring(_settings_file(_PROFILES, name))
+    except ElementTree.ParseError as error:
+        raise CellError(f'{_PROFILES}: {name}: expected profiles of Fast DDS, found no XML: {error}; correct it, or '
+                        'unset it') from error
+
+
+def _check_settings(given: str) -> None:
+    """Raise CellError where Cyclone DDS could not read its settings: texts in XML and names of files, with commas."""
+    while given := given.lstrip(_BETWEEN):
+        if given.startswith('<'):
+            where, end = f'{given!r:.80}', _end_of_element(given, '')
+            is_whole, given = end > 0, given[end:]
+        else:
+            where, _, given = given.partition(',')
+            text = _settings_file(_SETTINGS, where.removeprefix('file://')).lstrip()
+            end = _end_of_element(text)
+            is_whole = not text or (end > 0 and not _TAG.sub('', text[end:]).strip())
+        if not is_whole:
+            raise CellError(f'{_SETTINGS}: {where}: expected settings of Cyclone DDS, <CycloneDDS>...</CycloneDDS>, '
+                            'found XML that is not whole; correct it, or unset it')
+
+
+def _end_of_element(text: str, short: str | None = None) -> int:
+    """Return where the first element of a text in XML ends, 0 where it does not; short: name that closes any."""
+    unclosed = list[str]()
+    for tag in _TAG.finditer(text) if text.startswith('<') else ():
+        slash, name, rest = tag.groups()
+        if name is None:  # a comment, an instruction
+            continue
+        if not slash and not (rest or '').endswith('/'):
+            unclosed.append(name)
+        elif slash and (not unclosed or name not in (short, unclosed.pop())):
+            return 0
+        if not unclosed:
+            return tag.end()
+    return 0
 
 
 def _check_peer(peer: str) -> None:

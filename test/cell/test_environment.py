@@ -7,6 +7,7 @@ import socket
 import struct
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -143,6 +144,69 @@ def test_what_ends_a_node_is_named(tmp_path, given, words):
     with pytest.raises(CellError) as caught:
         check_environment(None, {'HOME': str(tmp_path), **given})
     assert str(caught.value).startswith(words) or words in str(caught.value)
+
+
+SETTINGS = ('<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast></General></Domain>'
+            '</CycloneDDS>')
+FILES = {'whole.xml': SETTINGS, 'cut.xml': SETTINGS[:60], 'empty.xml': '', 'text.xml': 'hello',
+         'mismatch.xml': SETTINGS.replace('</General>', '</Generals>'), 'behind.xml': f'{SETTINGS}rubbish',
+         'header.xml': f'<?xml version="1.0"?>\n<!-- <a> -->\n{SETTINGS}\n<!-- end -->\n',
+         'short.xml': '<CycloneDDS><Domain><General><AllowMulticast>false</></></></>'}
+WHOLE = ('', ' ', SETTINGS, '{}/whole.xml', 'file://{}/whole.xml', '{}/empty.xml', '{}/header.xml',
+         '{}/whole.xml,{}/header.xml', ' {}/whole.xml, ', f'{SETTINGS},{{}}/whole.xml', SETTINGS + SETTINGS,
+         '<General><AllowMulticast>false</></>')
+BROKEN = {'{}/none.xml': 'expected a file that can be read, found No such file or directory',
+          'file://{}/none.xml': 'found No such file or directory', '{}/whole.xml,{}/none.xml': 'No such file',
+          '{}/cut.xml': 'found XML that is not whole', '{}/mismatch.xml': 'not whole', '{}/text.xml': 'not whole',
+          '{}/short.xml': 'not whole',
+          '{}/behind.xml': 'not whole', SETTINGS[:60]: 'not whole', f'{SETTINGS}rubbish': 'rubbish: expected a file',
+          'http://example.org/a.xml': 'http://example.org/a.xml: expected a file that can be read'}
+
+
+@pytest.fixture
+def settings_of_cyclone(tmp_path):
+    """Return a function that makes the value of CYCLONEDDS_URI, with files in place of {}."""
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    return lambda given: given.replace('{}', str(tmp_path))
+
+
+@pytest.mark.parametrize('given', [*WHOLE, *BROKEN])
+def test_settings_of_cyclone_dds_are_whole(tmp_path, settings_of_cyclone, given):
+    """Files and texts, with commas between; without that middleware nobody reads them."""
+    home, value = {'HOME': str(tmp_path)}, settings_of_cyclone(given)
+    check_environment(None, {'CYCLONEDDS_URI': value, **home})
+    with nullcontext() if given in WHOLE else pytest.raises(CellError) as caught:
+        check_environment(None, {'CYCLONEDDS_URI': value, 'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp', **home})
+    if given in BROKEN:
+        assert str(caught.value).startswith('CYCLONEDDS_URI: ') and BROKEN[given] in str(caught.value)
+        assert str(caught.value).endswith('; correct it, or unset it') and '\n' not in str(caught.value)
+
+
+def test_cyclone_dds_judges_its_settings_alike(settings_of_cyclone, domain_id):
+    """By the library itself, a process for each."""
+    pytest.importorskip('cyclonedds')
+    program = f'from cyclonedds.domain import DomainParticipant as D; D({domain_id}); print("joined")'
+    for given in (*WHOLE, *BROKEN):
+        done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, timeout=300, check=False,
+                              env={**os.environ, 'CYCLONEDDS_URI': settings_of_cyclone(given)})
+        assert ('joined' in done.stdout) is (given in WHOLE), (given, done.stderr)
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    (None, 'expected a file that can be read, found No such file or directory'),
+    ('<a>', 'expected profiles of Fast DDS, found no XML: no element found'), ('<profiles/>', '')])
+def test_profiles_that_fast_dds_would_leave_out_are_named(tmp_path, text, words):
+    """It goes on without them, with a line in the middle of others: on other addresses than those wanted."""
+    file = tmp_path / 'profiles.xml'
+    if text is not None:
+        file.write_text(text)
+    given = {PROFILES: str(file), 'HOME': str(tmp_path)}
+    check_environment(None, {**given, 'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'})
+    with pytest.raises(CellError) if words else nullcontext() as caught:
+        check_environment(None, given)
+    if words:
+        assert str(caught.value).startswith(f'{PROFILES}: {file}: {words}')
 
 
 def test_what_the_environment_wants_of_the_output_changes_no_cell(monkeypatch):
