@@ -299,7 +299,7 @@ def _measured(run: Run, source: Source) -> Measured:
     rows = (
         ('Run', run.run_id or Path(run.source).name), ('Readings', text.run_size(run)),
         ('Sequence', text.sequence_words(order_of(run, source))), ('Table axis', text.axis_words(run.rotation)),
-        ('Recording', f'{source.begun} to {source.ended}, the whole log' if days else ''),
+        ('First and last reading', f'{source.begun} to {source.ended}' if days else ''),
         ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
         ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not measured'),
         ('Table angles', text.angle_words(run)),

@@ -419,7 +419,7 @@ def read_log(path: str | Path) -> LogRun:
                 if message.type_name in RECORDS and schema not in checked:
                     log_run.check_version(*schema, record)
                     checked.add(schema)
-                log.add(message.type_name, record)
+                log.add(message.type_name, record, message.log_time)
             except (InvalidData, *BAD_VALUE) as error:
                 words = f'{file.path}: topic {message.topic}: message {message.number}: {error}'
                 if message.type_name in RECORDS:

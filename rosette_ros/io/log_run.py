@@ -116,8 +116,8 @@ class LogRun:
     runs: what was asked and answered, by run_id, in order of appearance; frames: in order of receipt; states: the last
     of each run; events: CalibrationEvents, decoded; is_cmm_simulated: whether the status of the CMM says so; verdicts:
     the last of the evaluator by run_id and name of the model; asked: after how many readings it was asked whether a run
-    is settled, by run_id, and until which probability it is not, 0 for any; start_ns, end_ns: first and last log time;
-    truncated: whether the log ends in the middle; problems: what is wrong with it, in words."""
+    is settled, by run_id, and until which probability it is not, 0 for any; first_ns: log time of the first reading of
+    each run, alignment and repeatability before it left out; start_ns, end_ns: first and last log time; truncated: whether the log ends in the middle; problems: what is wrong with it, in words."""
 
     path: Path
     files: tuple[Path, ...]
@@ -129,6 +129,7 @@ class LogRun:
     is_cmm_simulated: bool = False
     verdicts: dict[tuple[str, str], VerdictText | None] = field(default_factory=dict)
     asked: dict[str, tuple[float, list[int]]] = field(default_factory=dict)
+    first_ns: dict[str, int] = field(default_factory=dict)
     topics: tuple[TopicSummary, ...] = ()
     messages: int = 0
     start_ns: int = 0
@@ -137,14 +138,13 @@ class LogRun:
     problems: tuple[str, ...] = ()
     custom_data: dict[str, str] = field(default_factory=dict)
 
-    def add(self, type_name: str, message: SimpleNamespace) -> None:
-        """Take a decoded message of one of the types in NEEDED."""
+    def add(self, type_name: str, message: SimpleNamespace, log_time: int) -> None:
+        """Take a decoded message of one of the types in NEEDED, and when it was recorded, ns since the epoch."""
         if type_name == PROBE_TARGET:
             target = msg.target_of(message)
             self._run(target.run_id).add_target(target)
         elif type_name == BALL_CENTRE:
-            answer = msg.answer_of(message)
-            self._run(answer.run_id).add_answer(answer)
+            self._add_answer(msg.answer_of(message), log_time)
         elif type_name == RUN_STATE:
             state = msg.progress_of(message)
             self.states = [*(one for one in self.states if one.run_id != state.run_id), state]
@@ -162,6 +162,13 @@ class LogRun:
                 for one in message.status)
         else:
             self.frames += [frame for one in message.transforms if (frame := msg.table_frame_of(one))]
+
+    def _add_answer(self, answer: msg.Answer, log_time: int) -> None:
+        run = self._run(answer.run_id)
+        run.add_answer(answer)
+        target = run.last_target(answer.seq)
+        if target is not None and target.phase == msg.Phase.RUN and answer.is_usable_for(target):
+            self.first_ns.setdefault(answer.run_id, log_time)
 
     def _add_asked(self, event: SimpleNamespace) -> None:
         """Take that it was asked whether a run is settled."""
@@ -250,6 +257,11 @@ class LogRun:
         run = self.runs[run_id]
         return None if run.is_in_table_frame else RunAssembly(run, str(self.path)).frame()
 
+    def begun_ns(self, run_id: str) -> int:
+        """Return when measuring a run began by the clock of its recorder, ns since the epoch: its first reading, the
+        begin of the log where there is none yet."""
+        return self.first_ns.get(run_id, self.start_ns)
+
     def to_run(self, run_id: str | None = None) -> Run:
         """Return the Run of the log; run_id chooses where there are several.
 
@@ -262,7 +274,7 @@ class LogRun:
                               f'(topics: {topics}){"".join(f"; {problem}" for problem in self.problems[:1])}')
         stated = self._stated_repeatability()
         run = RunAssembly(self.run(run_id), source, stated[0] if stated else None).run()
-        begun = 1e-9 * self.start_ns
+        begun = 1e-9 * self.begun_ns(run.run_id)
         run = run.replace(remarks=(*self.damage, *run.remarks), simulated=self.simulated,
                           begun=begun if begun > FIRST_DATE else None)
         if run.repeatability is not None or stated is None:

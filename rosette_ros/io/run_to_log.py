@@ -48,7 +48,7 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary | StoredType
         if (rotation := run.from_angle_zero()[1]) is not None:
             definition = library.definition(log_run.TF_MESSAGE)
             writer.add_topic(FRAME_TOPIC, definition, (LATCHED,))
-            writer.write(FRAME_TOPIC, encode_messages(definition, [_frame_message(rotation)])[0], 0, 0)
+            writer.write(FRAME_TOPIC, encode_messages(definition, [_frame_message(rotation)])[0], *2 * [int(stamp[0])])
         for row, time in enumerate(stamp.tolist()):
             for topic, data in messages.items():
                 writer.write(topic, data[row], time, time)

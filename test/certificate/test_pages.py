@@ -108,7 +108,7 @@ def test_logo_and_mark_stand_at_the_top_of_the_first_page(tmp_path):
 def test_the_two_times_say_what_they_are_of():
     """The log lasts longer than the run: alignment and checks are in it."""
     first, *_ = pages_of(to_pdf(*made('simulated')[1:], 'cert.xml'))
-    assert re.search(r'Recording 2026-11-22 [0-9:]{8} UTC to 2026-11-22 [0-9:]{8} UTC, the whole log Duration \d+ min '
+    assert re.search(r'First and last reading 2026-11-22 [0-9:]{8} UTC to 2026-11-22 [0-9:]{8} UTC Duration \d+ min '
                      'from the first ball of the run to the last', first)
 
 

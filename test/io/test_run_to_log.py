@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A Run into a log and back: `rosette import` and `rosette export`."""
 
+import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,13 +11,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
+from rosette_ros.cli.runs import run_facts
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.remarks import RemarkKind
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
-from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.run_to_log import write_log
+from rosette_ros.io.log_reader import iter_log, read_log
+from rosette_ros.io.log_writer import whole_log
+from rosette_ros.io.messages import Phase
+from rosette_ros.io.run_to_log import LATCHED, write_log
+from rosette_ros.presentation.formatting import instant
+from rosette_ros.presentation.report.provenance import open_source
 
 
 def make_run(n=4, seed=0, **options):
@@ -45,6 +52,41 @@ def test_the_day_goes_from_a_log_into_a_table_and_back(library, tmp_path):
     for bad in ('yesterday', '1970-01-01T00:00:00Z', '9999-13-01'):
         with pytest.raises(InvalidData, match='first_reading_at: a date such as 2026-11-27T08:00:34Z, found'):
             parse_csv(text.replace('2026-11-26T08:01:23.123456+00:00', bad).encode())
+
+
+def test_the_day_of_a_table_with_an_axis_goes_into_its_log(library, tmp_path):
+    """The transform of the axis is no message of 1970."""
+    begun = 1795680083.0
+    log = read_log(write_log(make_run(begun=begun, rotation=np.eye(3)), tmp_path / 'log', library))
+    assert log.to_run().begun == begun and log.start_ns == begun * 1e9
+
+
+def test_runs_of_one_log_have_each_its_own_day(library, tmp_path):
+    """Not the day on which the log begins."""
+    days = {'some_run': 1795680083.0, 'next_week': 1795680083.0 + 7 * 86400}
+    logs = [write_log(make_run(begun=begun).replace(run_id=name), tmp_path / name, library)
+            for name, begun in days.items()]
+    with whole_log(tmp_path / 'both', 'both') as writer:
+        for topic in read_log(logs[0]).topics:
+            writer.add_topic(topic.name, library.definition(topic.type_name), (LATCHED,))
+        for message in itertools.chain(*map(iter_log, logs)):
+            writer.write(message.topic, message.data, message.log_time, message.publish_time)
+    for name, begun in days.items():
+        run, source = open_source(tmp_path / 'both', name)
+        assert run.begun == begun
+        assert source.begun == instant(round(1e9 * begun))
+        assert source.ended == instant(round(1e9 * (begun + np.ptp(run.time))))
+
+
+def test_a_run_begins_with_its_first_reading():
+    """Alignment and repeatability were measured before it, from 2 min on after the begin of the log."""
+    path = Path(__file__).parents[1] / 'golden' / 'logs' / 'log_clean_n6_diagonal'
+    log = read_log(path)
+    run, source = open_source(path)
+    first = min(one.stamp_ns for one in log.answers if log.runs[run.run_id].last_target(one.seq).phase == Phase.RUN)
+    assert 0.0 <= run.begun - 1e-9 * first < 20.0, "a simulated clock goes on with the next reading"
+    assert 1e9 * run.begun > log.start_ns + 120e9
+    assert source.begun == instant(round(1e9 * run.begun)) and run_facts(path)['measured'] == source.begun[:16]
 
 
 @settings(max_examples=20, deadline=None,

@@ -163,7 +163,7 @@ def test_the_report_is_three_pages(printed):
         [*simulated, 'VDI/VDE 2617', 'What to do:', 'U: k = 2', 'Figure 1.', *(2 * curves), 'bands: U (k = 2)'],
         ['Figure 2.', 'Residual by group', 'What this run could have shown', 'Order random'],
         ['Measurement: method and conditions', 'Three-rosette method', 'Repeatability', 'Temperature',
-         'Log begun', 'Sequence', 'Model', 'Uncertainty budget (GUM)', 'No value is stated for',
+         'First reading', 'Sequence', 'Model', 'Uncertainty budget (GUM)', 'No value is stated for',
          'Limitations and conditions of', 'once-per-turn part of (ctx, cty)',
          'Software rosette_ros'])
     if kind in ('identified', 'three'):

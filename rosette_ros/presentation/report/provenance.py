@@ -41,7 +41,7 @@ class FileDigest:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a run comes from; begun, ended: first and last entry of the log; order: as the cell named it; '' if none.
+    """Where a run comes from; begun, ended: first and last reading; order: as the cell named it; '' if none.
 
     until, asked: probability from which on a run that was measured until it is known is settled, 0 for any, and after
     how many readings it was asked; identity: who, what and where; contradictions: in words, what a file states other
@@ -72,8 +72,7 @@ def open_source(path: Path | str, run_id: str | None = None, file: Path | str | 
     as `open_run`."""
     if not is_log(path):
         run = open_run(path, run_id, columns_of)
-        days = [] if run.begun is None else [run.begun, run.begun + float(np.ptp(run.time))]
-        begun, ended = (instant(round(1e9 * one)) for one in days) if days else ('', '')
+        begun, ended = _first_and_last(run)
         return run, Source(str(path), (digest(path),), begun, ended=ended, identity=stated(Identity(), file)[0])
     log = read_log(path)
     run = log.to_run(run_id)
@@ -88,9 +87,17 @@ def source_of(path: Path | str, log: LogRun, run: Run, file: Path | str | None =
               for name in BESIDE if (folder / name).is_file()]
     until, asked = log.asked.get(run.run_id, (0.0, ()))
     entries = '\n'.join(f'{key}: {value}' for key, value in sorted(log.custom_data.items()))
-    return Source(str(path), tuple(map(digest, log.files)), instant(log.start_ns), order,
-                  (*beside, *([('entries of the log', entries)] if entries else [])), instant(log.end_ns),
+    begun, ended = _first_and_last(run)
+    return Source(str(path), tuple(map(digest, log.files)), begun, order,
+                  (*beside, *([('entries of the log', entries)] if entries else [])), ended,
                   *stated(log.identity(run.run_id), file), run.run_id, until, tuple(asked))
+
+
+def _first_and_last(run: Run) -> tuple[str, str]:
+    """Return when the first and the last reading of a run were taken, in words, '' where it is not known."""
+    if run.begun is None:
+        return '', ''
+    return instant(round(1e9 * run.begun)), instant(round(1e9 * (run.begun + float(np.ptp(run.time)))))
 
 
 def digest(path: Path | str) -> FileDigest:

@@ -232,7 +232,7 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Readings', text.run_size(run)),
             ('Mean radius', f'{fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Table axis', text.axis_words(run.rotation)), ('Sequence', text.sequence_words(order_of(run, source))),
-            ('Log begun', source.begun if source and source.begun else stated_days(source.identity if source else
+            ('First reading', source.begun if source and source.begun else stated_days(source.identity if source else
                                                                                    Identity()) or 'not recorded'),
             ('Duration', text.run_duration(text.seconds_of(run))), ('Pauses', text.pauses(run)),
             ('Temperature', _temperature(run)),
