@@ -68,7 +68,8 @@ NEGLIGIBLE = 0.05
 """A contribution below this share of u in each curve is named beneath the table of the budget, not a row of it."""
 WIDTHS = (1.0, 0.92, 0.85)
 """Shares of the width that the curves are tried with, until a page and one a set of curves do."""
-OF_RUN = ('Readings', 'Sequence', 'Table axis', 'First and last reading', 'Duration', 'Pauses', 'Temperature', 'Repeatability')
+OF_RUN = ('Readings', 'Sequence', 'Table axis', 'First and last reading', 'Duration', 'Pauses', 'Temperature',
+          'Repeatability')
 """What is told of a run that is the only one; of several, each has a line of OF_ONE_OF_SEVERAL."""
 OF_ONE_OF_SEVERAL = ('Readings', 'Sequence', 'First and last reading', 'Temperature')
 

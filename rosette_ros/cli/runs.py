@@ -101,8 +101,8 @@ def _of_log(log: LogRun, facts: dict[str, Any]) -> dict[str, Any]:
     if len(begun) == 1:
         (name, n), = begun
         state = next((one for one in log.states if one.run_id == name), None)
-        facts |= {'run_id': name, 'measured': _minute(log.begun_ns(name)), 'order': state.order if state else '', 'n': n,
-                  'table': log.identity(name)['table.serial']}
+        facts |= {'run_id': name, 'measured': _minute(log.begun_ns(name)), 'order': state.order if state else '',
+                  'n': n, 'table': log.identity(name)['table.serial']}
         if stopped := broken_off(log, name):
             return {'readings': counts_of(log, name).get('run', {}).get('answered', 0),
                     'problem': f'{n} balls, {stopped}', 'ended': stopped}

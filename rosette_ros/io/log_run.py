@@ -117,7 +117,8 @@ class LogRun:
     of each run; events: CalibrationEvents, decoded; is_cmm_simulated: whether the status of the CMM says so; verdicts:
     the last of the evaluator by run_id and name of the model; asked: after how many readings it was asked whether a run
     is settled, by run_id, and until which probability it is not, 0 for any; first_ns: log time of the first reading of
-    each run, alignment and repeatability before it left out; start_ns, end_ns: first and last log time; truncated: whether the log ends in the middle; problems: what is wrong with it, in words."""
+    each run, alignment and repeatability before it left out; start_ns, end_ns: first and last log time; truncated:
+    whether the log ends in the middle; problems: what is wrong with it, in words."""
 
     path: Path
     files: tuple[Path, ...]

@@ -79,8 +79,8 @@ class Run:
     whether no real CMM measured it; rotation: (3, 3) of the table frame in the machine frame, its columns are the axes
     of the table, None where it is not known; table_offset: table angle of table position 1, rad. From there table_angle
     counts, and there ball 1 is on the x axis of centre and rotation: a run between the steps of the table looks like
-    any other one. begun: when the first reading was taken, s since the epoch, None where it is not said. written_steps: (N, 3)
-    steps to which centre is rounded, m, where its digits no longer show them, else None.
+    any other one. begun: when the first reading was taken, s since the epoch, None where it is not said.
+    written_steps: (N, 3) steps to which centre is rounded, m, where its digits no longer show them, else None.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the
