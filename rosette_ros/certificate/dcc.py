@@ -32,7 +32,7 @@ from rosette_ros.core.uncertainty.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES, Identity
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import NOTE
-from rosette_ros.presentation.error_results import SAID
+from rosette_ros.presentation.error_results import conformity_words
 from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions
 from rosette_ros.words.budget_words import not_considered
 from rosette_ros.words.effect_words import setting_words, words_of
@@ -250,7 +250,7 @@ def _error(line: AxisError, probability: float, beside: str) -> Element:
         limit = _quantity('tolerance of the range', f'rosette_{line.curve}_tolerance', float(f'{stated:.15g}'), unit)
         ranged[0].append(_dcc('measurementMetaData', _dcc(
             'metaData', _named('conformity'), _dcc('norm', 'ISO 14253-1'), _rich('declaration', '. '.join(filter(None, (
-                f'{SAID.get(line.conformity, line.conformity)}: {DECISION_RULE}', line.doubt, beside)))),
+                f'{conformity_words(line)}: {line.doubt or DECISION_RULE}', beside)))),
             *([] if line.doubt else [_dcc('conformity', STATUS.get(line.conformity, within))]), _dcc('data', limit))))
     return _dcc('list', _named(f'{line.curve} ({line.name})'), *ranged,
                 *quantity('range of the fundamental error motion', 'once_per_turn', line.once_per_turn),

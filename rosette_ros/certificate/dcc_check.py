@@ -61,6 +61,7 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
     signatures = root.findall('{http://www.w3.org/2000/09/xmldsig#}Signature')
     for one in signatures:
         root.remove(one)
+    hashes = {path: _hashes(path) for path in paths}
     found, largest = list[str](), 0.0
     own = root.find(f'{{{DCC}}}comment/{{{OWN}}}content')
     is_earlier = own is not None and own.get('form') != CANONICAL
@@ -71,7 +72,7 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
         found.append('its content was changed after it was made (its own SHA-256 differs)')
     try:
         inputs = inputs_of(root)
-        hashes, order = {path: _hashes(path) for path in paths}, list(inputs.files)
+        order = list(inputs.files)
         found += [f'{name}: no file of the run has the SHA-256 {one[:12]}… that the certificate states'
                   for one, name in inputs.files.items() if one not in set().union(*hashes.values())]
         made = document(state(sorted(paths, key=lambda path: max(  # runs may have a plate file in common
@@ -87,8 +88,8 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
         found.append('it cannot be made again from what it states of its inputs')
     if found:
         more = f'; and {len(found) - MOST_TOLD} more' if len(found) > MOST_TOLD else ''
-        raise InvalidData(f'{source}: expected the certificate of {", ".join(map(str, paths))}, found another one: '
-                          f'{"; ".join(found[:MOST_TOLD])}{more}')
+        raise InvalidData(f'{source}: expected the certificate of {", ".join(map(str, paths))} as it was issued, found '
+                          f'that it is not: {"; ".join(found[:MOST_TOLD])}{more}')
     return Verified(largest, bool(signatures), '' if is_same else ', '.join(map(' '.join, inputs.programs[:1])),
                     is_earlier)
 

@@ -168,7 +168,8 @@ def write_bag_metadata(directory: Path, mapping: Mapping[str, Any], is_first: bo
     replace_file(directory / FILE_NAME, bag_text({TOP_KEY: mapping}).encode(), force=not is_first)
 
 
-_OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; expected MCAP: convert it with `ros2 bag convert`',
+_OTHERS = {b'rosbag2_bagfile_information:': 'describes a log; name the folder that it is in',
+           b'SQLite format 3\0': 'is an sqlite3 log; expected MCAP: convert it with `ros2 bag convert`',
            b'#ROSBAG V': 'is a bag of ROS 1; expected MCAP: convert it with `rosbags-convert --src BAG --dst FOLDER '
                          '--dst-storage mcap` (pip install rosbags)',
            b'PK\x03\x04': 'is a workbook or an archive; expected a table: save it as CSV, UTF-8, or unpack it'}

@@ -190,13 +190,16 @@ def proposed(names: Sequence[str], rows: Cells, stated: Iterable[str], known: Ma
     """Return what the columns of a table seem to be, from their names and the first name of a feature.
 
     stated: keys that its heading has; known: name of the column by quantity, where its format says it."""
-    plain = {re.sub(r'[\W_]+', ' ', re.sub(r'[\[(].*?[\])]', '', name[:LONGEST])).strip().casefold(): name
-             for name in reversed(names)}
-    found = dict(known) or {
-        key: plain[word] for key, words in _CALLED.items() for word in words.split('|') if word in plain}
+    found = dict(known) or _called(names)
     for axis in _AXES:
         found |= {name.casefold(): name for name in names if re.fullmatch(f'{axis}_[a-z]+', name.casefold())
                   and axis not in found}
+    if {'name', 'value'} <= found.keys() and 'axis' not in found:
+        at = names.index(found['name'])
+        own = _called([cells[at].strip() for _, cells in rows[:1000] if len(cells) > at])
+        if {*_AXES} <= own.keys() and {'table', 'angle'} & own.keys():  # a row for each quantity, by its name
+            found = {**{key: own[key] for key in ('table', 'ball', 'angle') if key in own}, **found}
+            found['axis'] = found.pop('name')
     if {*_AXES} <= {key.partition('_')[0] for key in found}:
         found = {key: name for key, name in found.items() if key not in ('axis', 'value')}
     pattern = ''
@@ -213,6 +216,13 @@ def proposed(names: Sequence[str], rows: Cells, stated: Iterable[str], known: Ma
     if made.is_enough and not {'radius_mm', 'plate'} & {*stated}:
         heading = _circle(made.readings(names, rows, '')[0])
     return ColumnMap(found, pattern, heading)
+
+
+def _called(names: Sequence[str]) -> dict[str, str]:
+    """Return the names by the quantity that they call."""
+    plain = {re.sub(r'[\W_]+', ' ', re.sub(r'[\[(].*?[\])]', '', name[:LONGEST])).strip().casefold(): name
+             for name in reversed(names)}
+    return {key: plain[word] for key, words in _CALLED.items() for word in words.split('|') if word in plain}
 
 
 def _pattern(name: str, wanted: Sequence[str], has_axis: bool) -> str:

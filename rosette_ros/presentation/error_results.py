@@ -24,7 +24,6 @@ LACKS = {summary.WHOLE: '', summary.NO_MEAN: 'the mean of its reversal, which th
          summary.ONE_SENSE: 'the reversal of the table, which runs in both senses tell (evaluate --joint)'}
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
 TITLE = 'Error motions of the {} (ISO 230-7): synchronous error motion values'
-SAID: dict[Conformity | None, str] = {Conformity.UNDECIDED: 'neither proven'}
 WHAT_IS_WHAT = (f'Range: largest value less smallest; U: k = {COVERAGE_FACTOR}, of each point the largest; residual '
                 'synchronous error motion: without the fundamental one, once per revolution.')
 
@@ -75,11 +74,17 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
             None if line.tolerance is None else one.factor * line.tolerance for line, one in zip(lines, scales)), tuple(
                 '' if line.tolerance is None else tolerance_words(line.tolerance, one.unit)
                 for line, one in zip(lines, scales))),
-           words('conformity', 'ISO 14253-1', [
-               SAID.get(line.conformity, line.conformity or '') for line in lines])) if limited else ())),
+           words('conformity', 'ISO 14253-1', [conformity_words(line) for line in lines])) if limited else ())),
         levels=tuple(LEVELS[line.conformity] for line in lines),
         note=f'{WHAT_IS_WHAT}{_factors(lines)}{width}' + f' Decision rule: {DECISION_RULE}.' * limited
         + ''.join(f' Neither conformity nor non-conformity is stated: {doubt}.' for doubt in doubts))
+
+
+def conformity_words(line: AxisError) -> str:
+    """Return whether an error conforms to its tolerance, '' without one: as doubted, nothing is stated of it."""
+    if line.tolerance is not None and line.doubt:
+        return 'not stated'
+    return 'neither proven' if line.conformity is Conformity.UNDECIDED else line.conformity or ''
 
 
 def _factors(lines: Sequence[AxisError]) -> str:

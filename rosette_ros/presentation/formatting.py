@@ -315,8 +315,9 @@ def residual_words(fit: Fit) -> str:
     if known is None or fit.lack_of_fit_p is None:
         return f'{text}; the repeatability is not known'
     dof = '' if fit.run.repeatability_dof is None else f' ({fit.run.repeatability_dof:g} degrees of freedom)'
-    rounded = ' with rounding' * bool(fit.step)
-    return (f'{text}, {multiple(fit.rms / math.hypot(known, fit.run.rounding))} times the repeatability of '
+    together = math.hypot(known, fit.run.rounding)
+    rounded = f' with rounding, together {micrometres(together)}' * bool(fit.step)
+    return (f'{text}, {multiple(fit.rms / together)} times the repeatability of '
             f'{micrometres(known)}{dof}{rounded}; '
             f'{p_words(fit.lack_of_fit_p)}')
 

@@ -380,11 +380,13 @@ def _against_repeatability(residual: Residual) -> str:
     known, p = residual.repeatability, residual.p
     if known is None or p is None:
         return ''
-    ratio = residual.rms / hypot(known, residual.rounding)
+    together = hypot(known, residual.rounding)
+    ratio = residual.rms / together
+    rounded = f' with rounding, together {micrometres(together)}' * bool(residual.rounding)
     part = (f', {multiple(residual.quietest * ratio)} times in its quietest part'
             if residual.quietest < 0.5 else '')
     return (f'the residual of {micrometres(residual.rms)} is {multiple(ratio)} times the stated repeatability of '
-            f'{micrometres(known)}{" with rounding" * bool(residual.rounding)}{part} '
+            f'{micrometres(known)}{rounded}{part} '
             f'({p_words(p)})')
 
 

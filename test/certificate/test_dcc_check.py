@@ -103,9 +103,9 @@ def test_what_was_changed_is_said(old, new, words):
                                              b'</rosette:inputs')
     with pytest.raises(InvalidData, match=re.escape(words)) as refused:
         verified('clean', data)
-    assert str(refused.value).startswith(f'cert.xml: expected the certificate of {made("clean")[0][0]}, found another '
-                                         'one: '
-                                         'its content was changed after it was made (its own SHA-256 differs)')
+    assert str(refused.value).startswith(f'cert.xml: expected the certificate of {made("clean")[0][0]} as it was '
+                                         'issued, found that it is not: its content was changed after it was made (its '
+                                         'own SHA-256 differs)')
 
 
 def test_inputs_of_the_budget_that_were_changed_are_told():
@@ -132,9 +132,15 @@ def test_a_number_that_was_changed_is_named():
 
 def test_the_certificate_of_another_run_is_refused():
     """Its hash is told first."""
-    with pytest.raises(InvalidData, match=r'found another one: clean.csv: no file of the run has the SHA-256 \w{12}… '
-                                          'that the certificate states; '):
+    with pytest.raises(InvalidData, match=r'found that it is not: clean.csv: no file of the run has the SHA-256 '
+                                          r'\w{12}… that the certificate states; '):
         verified('clean', paths=made('without_temperatures')[0])
+
+
+def test_a_run_that_is_not_there_says_nothing_of_the_certificate():
+    """Which was called another one."""
+    with pytest.raises(InvalidData, match='^no_such.csv: expected a log directory'):
+        verified('clean', paths=['no_such.csv'])
 
 
 def test_another_version_is_compared_by_its_numbers(monkeypatch):
@@ -191,7 +197,7 @@ def test_a_certificate_of_an_earlier_version_is_told_as_such():
     own.set('sha256', earlier_digest(root))
     data = etree.tostring(root)
     assert verified('clean', data) == dcc_check.Verified(0.0, False, '', is_earlier=True)
-    with pytest.raises(InvalidData, match='found another one: an earlier version made it, whose own SHA-256 is of the'):
+    with pytest.raises(InvalidData, match='found that it is not: an earlier version made it, whose own SHA-256 is'):
         verified('clean', ET.tostring(ET.fromstring(data)))
 
 

@@ -40,7 +40,7 @@ def test_a_certificate_is_written_and_agrees_with_its_run(rosette, refused, make
     assert f'{xml}: exists already; take another name or use --force' in refused(*command)
     assert rosette(*command, '--force').code == 0
     xml.write_bytes(xml.read_bytes().replace(b'2026-11-30', b'2026-04-16', 1))
-    assert 'found another one: its content was changed after it was made' in refused(
+    assert 'found that it is not: its content was changed after it was made' in refused(
         'certificate', '--verify', xml, table)
 
 

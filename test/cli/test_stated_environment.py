@@ -203,4 +203,4 @@ def test_a_certificate_states_environment_and_class(rosette, table, tmp_path):
     assert 'laboratory: machine against table 0.3 µm' in said[1] and 'no environment is stated' not in said[1]
     assert 'hidden: ' in said[1] and 'drift test' not in said[0]
     assert 'nor among those of the environment (laboratory)' in said[1]
-    assert 'neither proven' in said[0] and 'conforms' in said[1]
+    assert 'not stated: no environment is stated' in said[0] and 'conforms' in said[1]

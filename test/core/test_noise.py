@@ -140,7 +140,7 @@ def test_rounding_is_told_as_rounding():
     run = synthetic_run(12, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
     verdict = judge(run.replace(centre=np.round(run.centre, 6)))
     assert verdict.outcome == Outcome.FITS
-    assert 'the stated repeatability of 0.100 µm with rounding' in verdict_text(verdict).sentence
+    assert 'the stated repeatability of 0.100 µm with rounding, together ' in verdict_text(verdict).sentence
     assert 'rounded to 1.00 µm, which accounts for 9' in verdict_text(verdict).sentence
     as_much = judge(run.replace(centre=np.round(run.centre, 7)))
     assert as_much.outcome == Outcome.FITS

@@ -56,7 +56,7 @@ def test_a_table_of_another_program_is_read_by_its_map(name, tmp_path, capsys):
     assert any(one.startswith(f'columns were taken by a map: {words}') for one in run.notes)
 
 
-@pytest.mark.parametrize('name', [name for name in MAPS if name != 'fields.dfq'])  # which has a field for each number
+@pytest.mark.parametrize('name', MAPS)
 def test_the_columns_are_proposed(name):
     """From the names of the columns and of the features; the error of a command says the whole proposal, once."""
     words, _ = MAPS[name]
@@ -66,7 +66,7 @@ def test_the_columns_are_proposed(name):
                                                     '...", '
                        'the nominal radius of the circle of ball centres, in the first lines, the columns ')) as caught:
         read_csv(FOREIGN / name)
-    assert re.search(r"; if these are ball centres, try: rosette import \S+ --columns '.*' --save map.yaml$",
+    assert re.search(r"; if these are ball centres, try: rosette import \S+ --columns ('.*'|[\w=,.]+) --save map.yaml$",
                      str(caught.value))
 
 
@@ -237,6 +237,18 @@ def test_calypso_as_it_is_written_today():
     run = parse_csv(text.encode(), 'chr.txt', read_columns(f'{made.words()},balls=3'))
     np.testing.assert_allclose(1e3 * run.centre, CENTRES, atol=1e-9)
     assert 'passed over: 12 rows of other features' in run.notes
+
+
+def test_a_row_for_each_quantity_by_its_name_is_proposed():
+    """Q-DAS value sets of Table, Ball, X, Y, Z: no name of a feature says which ball it is."""
+    rows = [f'{name};{value}' for (table, ball), place in zip(
+        ((1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3)), CENTRES)
+        for name, value in zip(('Table', 'Kugel', 'X', 'Y', 'Z'), (table, ball, *place))]
+    text = '\n'.join(['Characteristic;Value', *rows, ''])
+    made = proposal_for(text.encode(), 'v.csv')
+    assert made.words().startswith('table=Table,ball=Kugel,value=Value,axis=Characteristic,radius_mm=')
+    run = parse_csv(text.encode(), 'v.csv', read_columns(f'{made.words()},balls=3'))
+    assert run.table_position.tolist() == [1, 1, 1, 2, 2, 2] and run.ball.tolist() == [1, 2, 3, 1, 2, 3]
 
 
 def test_numbers_of_formats_that_are_none():

@@ -39,6 +39,8 @@ def test_run_is_chosen_by_its_id(make_cell, tmp_path):
 
 @pytest.mark.parametrize(('name', 'data', 'words'), [
     ('some.db3', b'SQLite format 3\0...', 'some.db3: is an sqlite3 log; expected MCAP: convert it'),
+    ('metadata.yaml', b'rosbag2_bagfile_information:\n', 'metadata.yaml: describes a log; name the folder that it is '
+                                                          'in'),
     ('some.mcap.zst', b'\x28\xb5\x2f\xfd\0', 'is a compressed file; unpack it: zstd -d .*some.mcap.zst -o .*some.mcap'),
     ('log.mcap.gz', b'\x1f\x8b\x08\0', r'log.mcap.gz: is a packed file; unpack it: gzip -dk \S+/log.mcap.gz$'),
     ('log.mcap.xz', b'\xfd7zXZ\0\0', r'log.mcap.xz: is a packed file; unpack it: xz -dk \S+/log.mcap.xz$'),
