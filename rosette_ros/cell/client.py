@@ -177,15 +177,20 @@ class CellClient(GraphClient):
     def recover(self) -> str:
         """Tell a CMM that a person has looked, and return its answer; raises CellError where it is not ready."""
         service = self._node.create_client(Trigger, names.RECOVER)
-        if not self._spin_until(service.service_is_ready, SEARCH):
+        cmm = self._monitors.of(names.CMM)
+        servers = ServiceServers(self._node, names.RECOVER, cmm)
+        self._spin_until(lambda: service.service_is_ready() and cmm.process, SEARCH)
+        if not service.service_is_ready():
             raise CellError(f'cell {self._where}: expected a CMM with the service {names.RECOVER}, found none; only '
                             'one '
                             'through I++ DME has it')
+        _refuse_stranger(servers, self._where)
         answer = service.call_async(Trigger.Request())
         if not self._spin_until(answer.done, RECOVERY):
             raise CellError(f'cell {self._where}: expected an answer of the CMM within {RECOVERY:g} s, found none; '
                             'see its '
                             'output and /diagnostics')
+        _refuse_stranger(servers, self._where)
         if not answer.result().success:
             raise CellError(f'cell {self._where}: {plain(answer.result().message)}')
         return plain(answer.result().message)
@@ -207,14 +212,19 @@ class CellClient(GraphClient):
         self._run_id, self._done_words, self._is_restarted, self._on_warning = '', '', False, None
 
         def on_feedback(message: Any) -> None:  # of this goal, while states may be those of the run before
-            self._run_id = plain(message.feedback.state.run_id)
-            if on_progress and message.feedback.state.phase in list(Phase):
-                on_progress(progress_of(message.feedback.state))
+            state = message.feedback.state
+
+            def take() -> None:
+                self._run_id = plain(state.run_id)
+                if on_progress and state.phase in list(Phase):
+                    on_progress(progress_of(state))
+
+            self._sequencer.admit(state.process, names.CALIBRATE_FEEDBACK, take)
 
         given = {name: Calibrate.Goal.NONE if name in NONE and not value else value for name, value in fields.items()
                  if value is not None}  # Goal.NONE and Goal.NO are the same number
         goal = Calibrate.Goal(order=order, seed=seed, options=options, resume=resume, **given)
-        self._refuse_stranger()
+        _refuse_stranger(self._servers, self._where)
         # An exception in the middle of rclpy would break it.
         with TakenSignals(signal.SIGINT, once=True) as interrupt:
             accepted = self._action.send_goal_async(goal, feedback_callback=on_feedback)
@@ -222,7 +232,7 @@ class CellClient(GraphClient):
                 handle = self._await(accepted, RESUME_TIMEOUT if resume else 10.0, check, interrupt)
             except (KeyboardInterrupt, TimeoutError):  # else the run begins later, and nobody waits for it
                 handle, timeout = self._await(accepted, CANCEL_TIMEOUT, check), 0.0
-            self._refuse_stranger()
+            _refuse_stranger(self._servers, self._where)
             self._on_warning = on_warning
             result = handle.get_result_async()
             try:
@@ -235,11 +245,6 @@ class CellClient(GraphClient):
         if response.status == GoalStatus.STATUS_ABORTED and not response.result.run_id:
             raise CellError(f'cell {self._where}: calibration refused: {plain(response.result.message, most=2000)}')
         return outcome_of(response)
-
-    def _refuse_stranger(self) -> None:
-        """Raise CellError where another node than the sequencer offers the action, too, or alone."""
-        if words := self._servers.refusal():
-            raise CellError(f'cell {self._where}: {words}; end that one')
 
     def _outcome_without_result(self) -> CalibrationOutcome:
         """Return the outcome of a run that had succeeded, as it was published, before its sequencer ended."""
@@ -307,6 +312,12 @@ class CellClient(GraphClient):
 
     def _on_restart(self) -> None:
         self._is_restarted = True
+
+
+def _refuse_stranger(servers: ServiceServers, where: str) -> None:
+    """Raise CellError where another node than the one with the role offers a service, too, or alone."""
+    if words := servers.refusal():
+        raise CellError(f'cell {where}: {words}; end that one')
 
 
 class HangDetector(GraphClient):

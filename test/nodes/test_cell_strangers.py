@@ -3,21 +3,42 @@
 
 import re
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Transform, TransformStamped, Vector3
 from rclpy.action import ActionServer
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import CalibrationEvent, JointEvaluation
+from rosette_msgs.msg import (
+    BallCentre,
+    CalibrationEvent,
+    Diagnosis,
+    ErrorMotions,
+    JointEvaluation,
+    Model,
+    ProbeTarget,
+    Run,
+    RunState,
+    Touches,
+)
 from rosette_msgs.srv import (
+    AddEffect,
     CheckPlan,
+    Diagnose,
     EvaluateJointly,
     NextReadings,
     Recall,
     Recorded,
+    RemoveEffect,
     StartRecording,
     StopRecording,
 )
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.run.errors import CellError
@@ -36,6 +57,43 @@ FORGED = {
     names.NEXT_READINGS: (NextReadings, {'settled': True, 'text': 'settled by a stranger'}),
     names.EVALUATE_JOINTLY: (EvaluateJointly, {'message': 'perfect'}),
     names.CHECK_PLAN: (CheckPlan, {})}
+REQUESTS = {
+    names.START_CALIBRATION: Trigger.Request(), names.DIAGNOSE: Diagnose.Request(),
+    names.ADD_EFFECT: AddEffect.Request(effect='forged'),
+    names.REMOVE_EFFECT: RemoveEffect.Request(effect='forged'),
+    **{name: kind.Request() for name, (kind, _) in FORGED.items()}}
+"""What is asked of the services of a cell in the middle of a run."""
+FOR_A_PERSON = {names.CANCEL_CALIBRATION, names.RECOVER}
+"""Who asks these wants what they do."""
+PUBLISHED = {
+    names.PROBE_TARGET: (qos.TARGET, lambda run_id: ProbeTarget(
+        header=Header(frame_id='machine'), run_id=run_id, seq=9999, attempt=1, phase=ProbeTarget.PHASE_RUN, balls=N,
+        radius=0.1825, table_position=1, ball=1, cmm_position=1)),
+    names.BALL_CENTRE: (qos.ANSWER, lambda run_id: BallCentre(
+        header=Header(frame_id='machine'), run_id=run_id, seq=8, table_position=1, ball=1, cmm_position=1)),
+    names.TOUCHES: (qos.ANSWER, lambda run_id: Touches(
+        header=Header(frame_id='machine'), run_id=run_id, seq=8, x=[0.0] * 4, y=[0.0] * 4, z=[0.0] * 4)),
+    names.CALIBRATION_EVENT: (qos.EVENT, lambda run_id: CalibrationEvent(
+        run_id=run_id, kind=CalibrationEvent.SUCCEEDED, text='forged')),
+    names.RUN: (qos.RESULT, lambda run_id: Run(run_id=run_id)),
+    names.RUN_STATE: (qos.STATE, lambda run_id: RunState(run_id=run_id, phase=RunState.PHASE_DONE, text='forged')),
+    names.ERROR_MOTIONS: (qos.RESULT, lambda run_id: ErrorMotions(run_id=run_id, balls=N, angle=[0.0] * N)),
+    names.MODEL: (qos.RESULT, lambda run_id: Model(run_id=run_id, name='forged', hash='0' * 64)),
+    names.DIAGNOSIS: (qos.RESULT, lambda run_id: Diagnosis(run_id=run_id, outcome='fits', verdict='forged')),
+    names.JOINT_EVALUATION: (qos.RESULT, lambda run_id: JointEvaluation(run_ids=[run_id], verdict='forged')),
+    names.TF_STATIC: (qos.RESULT, lambda _: TFMessage(transforms=[TransformStamped(
+        header=Header(frame_id='machine'), child_frame_id='table',
+        transform=Transform(translation=Vector3(x=0.001)))])),
+    names.DIAGNOSTICS: (qos.STATUS, lambda _: DiagnosticArray(status=[DiagnosticStatus(
+        name='rosette/cmm', values=[KeyValue(key='process', value='cmm 1 deadbeef'),
+                                    KeyValue(key='problem', value='forged trouble')])])),
+    names.CALIBRATE_FEEDBACK: (qos.EVENT, lambda run_id: Calibrate.Impl.FeedbackMessage(
+        feedback=Calibrate.Feedback(state=RunState(run_id='forged', phase=RunState.PHASE_RUN)))),
+    names.CALIBRATE_STATUS: (qos.RESULT, lambda _: GoalStatusArray(
+        status_list=[GoalStatus(status=GoalStatus.STATUS_ABORTED)]))}
+"""A message of each topic of a cell: what its own node would not say."""
+OF_THE_TIME = {names.CLOCK}
+"""Of a whole domain, where it is simulated: who sets it sets the time of all programs."""
 UNTIL = {'until_probability': 0.95, 'until_uncertainty': 1e-9, 'most_readings': 4}
 WAIT = 'limits.return_timeout_s: 60.0'
 
@@ -43,6 +101,17 @@ WAIT = 'limits.return_timeout_s: 60.0'
 def test_every_service_of_a_run_is_tried():
     """Those that the sequencer asks."""
     assert {*FORGED} == {*names.SERVERS}
+
+
+def test_every_interface_is_tried():
+    """All that the page of interfaces names, and all names of the graph."""
+    page = (Path(__file__).parents[2] / 'docs' / 'interfaces.md').read_text()
+    rows = [line.split('|')[1] for line in page.splitlines() if line.startswith('| `')]
+    found = [name for row in rows for name in re.findall('`([^`]+)`', row)]
+    own = {name.rpartition('/')[2] for name in (*PUBLISHED, *REQUESTS, *FOR_A_PERSON, *OF_THE_TIME, names.CALIBRATE)}
+    assert {name.rpartition('/')[2] for name in found} - own == {
+        *names.NODES, 'simulated_cmm', 'dme_cmm', names.TABLE_CORRECTOR, 'set_parameters'}
+    assert {*PUBLISHED} >= {*names.PUBLISHERS, *names.SIGNED} and {*REQUESTS} >= {*names.SERVERS}
 
 
 @pytest.fixture(scope='module')
@@ -252,3 +321,44 @@ def test_a_second_server_of_the_action_is_refused(cell, client, stranger, undist
     server.destroy()
     wait_until(lambda: not client._servers.refusal())
     assert client.calibrate(check=cell.check).success
+
+
+def test_a_program_with_every_interface_changes_no_run(cell, client, stranger, undisturbed, wait_until):
+    """It publishes on all topics, offers all services and asks for all that they do, in the middle of a run."""
+    node, made, servers, futures = stranger.node, [], [], []
+    clients = {name: node.create_client(
+        {names.START_CALIBRATION: Trigger, names.DIAGNOSE: Diagnose, names.ADD_EFFECT: AddEffect,
+         names.REMOVE_EFFECT: RemoveEffect}.get(name) or FORGED[name][0], f'/rosette/{name}') for name in REQUESTS}
+    wait_until(lambda: all(one.service_is_ready() for one in clients.values()), 30)
+
+    def join(run_id):
+        futures.extend(clients[name].call_async(request) for name, request in REQUESTS.items())
+        for topic, (profile, message) in PUBLISHED.items():
+            name = topic if topic.startswith('/') else f'/rosette/{topic}'
+            made.append(node.create_publisher(type(message(run_id)), name, profile))
+            made[-1].publish(message(run_id))
+        servers.append(Servers(stranger, *FORGED))
+
+    def leave(told):
+        if made and all(one.done() for one in futures) and any('2 nodes publish' in one.text for one in told):
+            servers[0].leave()
+            while made:
+                node.destroy_publisher(made.pop())
+
+    outcome = run_with(client, cell, join, leave, **UNTIL)
+    assert outcome.success, outcome.message
+    assert servers[0].asked == []
+    assert same_curves(outcome, undisturbed) and outcome.verdict == undisturbed.verdict
+    log = read_log(outcome.log)
+    assert log.states[-1].phase == Phase.DONE and not [one for one in log.targets if one.seq == 9999]
+    assert log.to_run().centre.tobytes() == read_log(undisturbed.log).to_run().centre.tobytes()
+    assert client.calibrate(check=cell.check).success
+
+
+def test_a_cmm_is_not_recovered_by_another_node(client, stranger, wait_until):
+    """It said that the CMM goes on."""
+    servers = [stranger.node.create_service(Trigger, f'/rosette/{names.RECOVER}', lambda _, answer: answer)]
+    with pytest.raises(CellError, match=r'/elsewhere/stranger, which offers /rosette/cmm/recover, is not the cmm of '
+                       'this cell; end that one'):
+        client.recover()
+    stranger.node.destroy_service(servers.pop())
