@@ -22,7 +22,7 @@ def cell_words(found: CellDiagnosis) -> tuple[str, ...]:
     count = len(found.runs)
     out = [f'{capital(cause_words(one))}, in {runs_words(one.expected)} of {one.judged} runs.'
            for one in found.properties]
-    out = out or [f'Nothing comes again in these {count} runs.']
+    out = out or [f'Nothing that these {count} runs can show comes again.']
     out += [f'{capital(change_words(one, change))}.' for one in found.properties for change in one.changes]
     out += [f'Once only: {once_words(found, one)}.' for one in found.once]
     if found.doubtful:
