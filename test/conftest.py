@@ -100,12 +100,17 @@ def kept_searches(tmp_path_factory):
     return KnownSearches((folder.parent if 'PYTEST_XDIST_WORKER' in os.environ else folder) / 'searches')
 
 
-@pytest.fixture(autouse=True)
-def known_searches(kept_searches, monkeypatch):
-    """Search what a run lacks once for all tests; folders whose subject is the search replace this."""
+@pytest.fixture
+def shared_searches(kept_searches, monkeypatch):
+    """Search what a run lacks once for all tests that use this."""
     monkeypatch.setattr(diagnosis, 'RunDiagnosis', kept_searches.search)
     yield
     kept_searches.keep()
+
+
+@pytest.fixture(autouse=True)
+def known_searches(shared_searches):
+    """Share all searches; folders whose subject is the search replace this."""
 
 
 @pytest.fixture

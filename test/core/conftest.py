@@ -13,4 +13,4 @@ def make_run():
 
 @pytest.fixture(autouse=True)
 def known_searches():
-    """Search anew in every test: the search is what is tested."""
+    """Search anew in every test, as the search is what is tested; files about what follows it share their searches."""

@@ -17,6 +17,8 @@ from rosette_ros.core.run.records import remove_gauge
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY
 from rosette_ros.words.joint_words import note_words
 
+pytestmark = pytest.mark.usefixtures('shared_searches')
+
 KINDS = {'frame_drift': 'interleaved', 'plate_warp': 'diagonal', 'cmm_reversal': 'interleaved'}
 """Effects of different bodies and variables, each with the order of its run."""
 STRENGTH = 25.0
@@ -71,11 +73,11 @@ def test_what_a_run_brings_is_said():
     assert said[0] == 'frame_drift: in its model: linear probe drift' and len(said) == 3
 
 
-@pytest.mark.parametrize('noise', ['white', 'ar_0.6'])
-def test_one_run_gives_what_it_gives_alone(noise):
+@pytest.mark.parametrize(('noise', 'seed'), [('white', 5), ('ar_0.6', 0)])
+def test_one_run_gives_what_it_gives_alone(noise, seed):
     """Effects, noise and explanations: the same least squares; but the explanations of one run have a sigma each, those
     of several runs that of the likeliest."""
-    (kind,), (run,), _ = drawn_runs(5, 8, 1, noise)
+    (kind,), (run,), _ = drawn_runs(seed, 7, 1, noise)
     alone = find(run).final
     result = evaluate_jointly([Readings.of(run)], {'by_sense': False})
     assert kind and (result.solution.beside.is_plain == (noise == 'white'))
@@ -111,15 +113,16 @@ def test_a_time_constant_is_one_of_the_machine():
 
 def test_runs_with_correlated_noise_are_joined():
     """Their common curves are off by about what their U says; each run brings its own kind."""
-    one = joined(0, 12, 2, 'ar_0.6', clean=True)
-    assert [run.noise.kinds for run in one.result.solution.beside.runs] == [('wander',)] * 2
-    assert len(one.result.curves) == 1
-    assert 0.6 < 2 * np.sqrt(np.mean(one.ratio**2)) < 1.5
+    _, runs, truth = drawn_runs(2, 7, 2, 'ar_0.6', clean=True)
+    result = evaluate_jointly([Readings.of(run) for run in runs], {'by_sense': False})
+    assert [run.noise.kinds for run in result.solution.beside.runs] == [('wander',)] * 2
+    ((_, motions),) = result.curves
+    assert 0.6 < np.sqrt(np.mean(((remove_gauge(motions.values) - truth) / motions.u)**2)) < 1.5
 
 
 def test_u_covers_the_curves_of_runs_with_different_effects():
     """A few machines of the benchmark: U contains the truth, and is at most 0.65 times that of one run."""
-    every = [joined(seed, 8) for seed in range(2)]
+    every = [joined(seed, 6) for seed in range(2)]
     assert np.mean([np.abs(one.ratio) <= 1 for one in every]) > 0.9
     assert np.mean([one.u_ratio for one in every]) < 0.65
 

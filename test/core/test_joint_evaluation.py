@@ -17,6 +17,8 @@ from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.joint_words import note_words, part_words
 
+pytestmark = pytest.mark.usefixtures('shared_searches')
+
 BACKLASH = {'kind': 'table_backlash', 'width_urad': 2.0}
 
 
@@ -268,9 +270,9 @@ def test_a_run_and_its_continuation_are_refused():
 
 @pytest.mark.parametrize('kind', ['turned', 'senses'])
 def test_normalised_errors_of_simulated_runs(kind):
-    """Over 20 machines the errors of the curves are as large as their uncertainties say: 0.8 to 1.2."""
+    """Over 4 machines the errors of the curves are as large as their uncertainties say: 0.8 to 1.2."""
     errors = []
-    for seed in range(20):
+    for seed in range(4):
         second = {'turn': 120.0} if kind == 'turned' else {'sense': -1}
         (machine, first), (_, other) = measured(seed, 6), measured(seed, 6, noise=1, **second)
         result = evaluate_jointly([first, other])

@@ -16,15 +16,15 @@ from rosette_ros.io.ball_centre_table import format_csv
 @pytest.fixture
 def warming(tmp_path):
     """Return a function that writes a run whose machine warms up and whose plate slips, with or without times."""
-    scheme, rng = plan(12, 'row'), np.random.default_rng(2)
-    count = np.arange(144)
-    centre = scheme.centres(0.1825) + rng.normal(0, 1e-7, (144, 3))
-    centre += 8e-7 * (1 - np.exp(-count / 40))[:, None] * [1.0, 0.6, -0.4]
-    turned = 2 * np.pi * (scheme.table_position - 1) / 12
-    centre[70:] += 6e-7 * np.stack([np.cos(turned), np.sin(turned), 0 * turned], axis=1)[70:]
+    scheme, rng = plan(6, 'row'), np.random.default_rng(2)
+    count = np.arange(36)
+    centre = scheme.centres(0.1825) + rng.normal(0, 1e-7, (36, 3))
+    centre += 8e-7 * (1 - np.exp(-count / 10))[:, None] * [1.0, 0.6, -0.4]
+    turned = 2 * np.pi * (scheme.table_position - 1) / 6
+    centre[14:] += 2e-6 * np.stack([np.cos(turned), np.sin(turned), 0 * turned], axis=1)[14:]
 
     def write(name, factor=1.0, pace=None):
-        run = Run(12, 0.1825 / factor, scheme.table_position, scheme.ball, centre / factor, approach=scheme.approach,
+        run = Run(6, 0.1825 / factor, scheme.table_position, scheme.ball, centre / factor, approach=scheme.approach,
                   **({} if pace is None else {'time': pace * count}))
         text = format_csv(run)
         if pace is None:
@@ -49,7 +49,7 @@ def test_counts_are_never_printed_as_minutes(warming, tmp_path, capsys):
             shown = shown[shown.find('\n'):]
             assert bool(MINUTES.search(shown)) == is_timed, (verb, MINUTES.findall(shown), shown)
             if verb == 'diagnose':
-                assert is_timed or 't0 69.5 readings' in shown
+                assert is_timed or 't0 13.5 readings' in shown
     assert main(['diagnose', str(counted), '--json']) == 0
     units = set(re.findall(r'"unit": "([^"]*)"', capsys.readouterr().out))
     assert 'reading' in units and not {one for one in units if re.search(r'\bs\b', one)}
