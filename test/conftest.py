@@ -29,6 +29,7 @@ from rosette_ros.cell.supervisor import Cell, added_environment
 from rosette_ros.cli.demo_cell import is_free
 from rosette_ros.cli.main import FEWER_COLLECTIONS
 from rosette_ros.core.diagnosis import diagnosis
+from rosette_ros.core.joint import cell_diagnosis
 
 os.environ.update(added_environment(os.environ))
 Cell.process_of = ForkedNode  # the cells of the commands that tests run as processes start theirs as users do
@@ -104,6 +105,7 @@ def kept_searches(tmp_path_factory):
 def shared_searches(kept_searches, monkeypatch):
     """Search what a run lacks once for all tests that use this."""
     monkeypatch.setattr(diagnosis, 'RunDiagnosis', kept_searches.search)
+    monkeypatch.setattr(cell_diagnosis, 'RunSearch', lambda run, model: kept_searches.search(run, model).search)
     yield
     kept_searches.keep()
 
