@@ -26,7 +26,7 @@ def assert_same_curves(one, other):
         np.testing.assert_allclose(other['u'][curve], one['u'][curve], rtol=0, atol=limit)
 
 
-@pytest.mark.parametrize(('n', 'order'), [(6, 'diagonal'), (7, 'random'), (12, 'row')])
+@pytest.mark.parametrize(('n', 'order'), [(6, 'diagonal'), (5, 'random')])
 def test_import_and_export_change_nothing(rosette, make_table, tmp_path, n, order):
     """Table, log, table again: the curves of all three agree."""
     table, log, again = make_table(n, order, seed=n), tmp_path / 'log', tmp_path / 'again.csv'
@@ -124,14 +124,14 @@ def test_info_of_a_table(rosette, make_table):
 def test_a_log_that_was_cut_off(rosette, make_table, tmp_path):
     """What is whole is read, and info says that the end is missing."""
     log = tmp_path / 'log'
-    rosette('import', make_table(12), '-o', log)
+    rosette('import', make_table(8), '-o', log)
     [file] = log.glob('*.mcap')
     cut = tmp_path / 'cut.mcap'
     data = file.read_bytes()
     cut.write_bytes(data[:len(data) * 9 // 10])
     facts = json.loads(rosette('info', cut, '--json').out)
     assert facts['truncated'] is True
-    assert 0 < facts['runs'][0]['phases']['run']['answered'] <= 144
+    assert 0 < facts['runs'][0]['phases']['run']['answered'] <= 64
     assert 'the log ends in the middle' in rosette('info', cut).out
 
 
