@@ -19,8 +19,8 @@ from rosette_ros.io.model_file import write_model
 from rosette_ros.simulation import Machine, load_machine, machine_config
 
 LOG = Path(__file__).parents[1] / 'golden' / 'logs' / 'log_clean_n6_diagonal'
-MACHINE = {'seed': 4, 'plate': {'balls': 12},
-           'table': {'translation_um': 1.0, 'rotation_urad': 8.0, 'harmonics': 4}}
+MACHINE = {'seed': 4, 'plate': {'balls': 8},
+           'table': {'translation_um': 1.0, 'rotation_urad': 8.0, 'harmonics': 3}}
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def measure(tmp_path):
     def run(name, offset=0.0, **table):
         path = tmp_path / f'{name}.yaml'
         path.write_text(yaml.safe_dump({**MACHINE, 'table': {**MACHINE['table'], **table}}))
-        scheme = plan(12, 'diagonal').shifted(offset)
+        scheme = plan(8, 'diagonal').shifted(offset)
         write_csv(Machine(load_machine(path)).run(scheme, run_id=name), tmp_path / f'{name}.csv')
         return tmp_path / f'{name}.csv'
     return run
@@ -40,7 +40,7 @@ def test_a_table_is_corrected_and_verified(rosette, measure, tmp_path):
     before, file = measure('before'), tmp_path / 'c.yaml'
     told = rosette('correct', before, '-o', file, '--curves', 'ctz,crz')
     assert told.code == 0
-    assert 'Harmonics: up to 6 of the table angle' in told.out
+    assert 'Harmonics: up to 4 of the table angle' in told.out
     assert f'verify {before} AFTER --correction {file}\n' in told.out
     after = measure('after', correction_file='c.yaml')
     confirmed = rosette('verify', before, after, '--correction', file)
@@ -129,8 +129,8 @@ def test_a_table_of_ball_centres_is_no_correction(refused, measure):
 
 def test_both_senses_of_turning_get_their_own_curves(rosette, tmp_path):
     """From two runs of one table, one clockwise, evaluated as one."""
-    config, paths = machine_config(MACHINE), [tmp_path / '1.csv', tmp_path / '2.csv']
-    forward = plan(12, 'diagonal')
+    config = machine_config({**MACHINE, 'plate': {'balls': 12}})
+    paths, forward = [tmp_path / '1.csv', tmp_path / '2.csv'], plan(12, 'diagonal')
     back = replace(forward, table_position=forward.table_position[::-1], ball=forward.ball[::-1],
                    approach=-forward.approach)
     for path, scheme in zip(paths, (forward, back)):
@@ -155,9 +155,9 @@ def in_senses(tmp_path):
     def run(name, sense, seed, **settings):
         config = machine_config({**MACHINE, 'hidden': [{'kind': 'table_backlash', 'width_urad': 6.0}], 'seed': seed,
                                  'table': {**MACHINE['table'], **settings}})
-        machine, path, forward = Machine(config), tmp_path / f'{name}.csv', plan(12, 'diagonal')
+        machine, path, forward = Machine(config), tmp_path / f'{name}.csv', plan(8, 'diagonal')
         machine.run(forward)
-        scheme = plan(12, 'there_and_back') if sense == 0 else replace(forward, approach=sense * forward.approach)
+        scheme = plan(8, 'there_and_back') if sense == 0 else replace(forward, approach=sense * forward.approach)
         write_csv(machine.run(scheme, run_id=name), path)
         return path
     return run
@@ -199,9 +199,9 @@ def test_each_sense_is_held_against_its_own_curves(rosette, in_senses, tmp_path)
 
 def test_runs_between_the_steps_are_verified_in_the_axes_of_the_correction(rosette, measure, tmp_path):
     """Their own x and y are turned by half a step, those of a joint correction are of table angle 0."""
-    runs, file = (measure('zero'), measure('half', 15.0)), tmp_path / 'c.yaml'
+    runs, file = (measure('zero'), measure('half', 22.5)), tmp_path / 'c.yaml'
     assert rosette('correct', *runs, '--joint', '-o', file).code == 0
-    done = rosette('verify', runs[1], measure('after', 15.0, correction_file=str(file)), '--correction', file)
+    done = rosette('verify', runs[1], measure('after', 22.5, correction_file=str(file)), '--correction', file)
     assert done.code == 0
     assert 'of ctx, cty, ctz, crx, cry, crz only noise is left.' in done.out
     assert 'along x and y of table angle 0, as those of the correction.' in done.out
