@@ -133,7 +133,7 @@ def test_every_interface_shows_the_same_numbers(kind, tmp_path, capsys):
     """Six errors and curves with U as modelled and, where a cause is missing, of the result: verbs, report, studio."""
     path = tmp_path / 'run.csv'
     write_csv(KINDS[kind][0](), path)
-    summary = summarise(open_run(path))
+    summary = summarise(open_run(path), has_ladder=False)
     result, every = summary.result, errors_of(summary.result)
     fits = {'': result.modelled, 'result': result.curves}
     fits |= {'with_cause_found': result.curves} if result.beside else {}
