@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.limits import HEARD
 from rosette_ros.core.planning.expectation import Expectation
 from rosette_ros.core.planning.next_readings import NextReadings
 from rosette_ros.core.planning.plan_comparison import Outlook
@@ -172,7 +171,7 @@ def next_json(found: NextReadings, run: Run) -> Json:
         'is_hopeless': found.is_hopeless, 'gain_nat': found.gain, 'duration_s': found.duration,
         'uncertainty_m': found.uncertainty, 'expected_uncertainty_m': found.expected_uncertainty,
         'explanations': [{'members': one.members, 'probability': one.probability}
-                         for one in found.contenders if one.probability > HEARD],
+                         for one in found.likely],
         'separates': pair and {'members': [pair.first.members, pair.second.members], 'share': pair.now,
                                'expected_share': pair.expected},
         'readings': block and {name: getattr(block, name) for name in (

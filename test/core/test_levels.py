@@ -173,6 +173,21 @@ def test_a_plate_that_warps_moves_by_ball_and_time():
     assert warp.own == {'ball', 'time'} and 'travel' in warp.standing('time') and not warp.standing('ball')
 
 
+def test_what_else_it_moves_with_is_told_until_little_is_left():
+    """With the table angle in one of ten, with the distance of the CMM move in one of a hundred: the first follows, and
+    both count as doubt. Explanations are told until all others together are below the same limit."""
+    run = planned_run(plan(6, 'random', 1), 0.18)
+    drift, angle, distance = (place_of(run, name) for name in (
+        'frame_drift', 'table angle | frame', 'cmm distance | frame'))
+    looked = {(('frame_drift',), ()): (np.log(0.88), (drift,)), (('table angle | frame',), ()): (np.log(0.1), (angle,)),
+              (('cmm distance | frame',), ()): (np.log(0.01), (distance,)), ((), ()): (np.log(0.01), ())}
+    posterior = Posterior(looked)
+    cause, = causes_of(posterior, run, {drift: motion_of(run, drift)})
+    assert cause.or_with == (('table angle',),) and cause.probability == pytest.approx(0.98)
+    assert [one.members for one in posterior.explanations()] == [('frame_drift',), ('table angle | frame',)]
+    assert len(posterior.near) == 4 and Posterior({**looked, ((), ()): (-10.0, ())}).near == posterior.near[:3]
+
+
 def test_what_moves_by_a_constant_amount_is_said_so():
     """The stem of a ball leans in the machine: its ball moves with nothing, in the hypotheses that have it and in place
     of a slip. Every effect of the library can be said so, where no law is certain."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.levels import STANDS, causes_of, course_of, motion_of
-from rosette_ros.core.diagnosis.limits import CLAIM, GUARD, SURE
+from rosette_ros.core.diagnosis.limits import CLAIM, LISTED, SURE
 from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, State
 from rosette_ros.core.diagnosis.null_gains import p_of_tail
 from rosette_ros.core.diagnosis.run_search import RunSearch
@@ -161,7 +161,7 @@ class Claims:
         return self._search.p(next((one.gain for one in offers if one.family is member.family), -np.inf))
 
     def _is_guarded(self, place: int) -> bool:
-        return self._p_of_member(place) <= GUARD and place not in self._of_tail
+        return self._p_of_member(place) <= LISTED and place not in self._of_tail
 
     @cached_property
     def _of_tail(self) -> frozenset[int]:
@@ -177,7 +177,7 @@ class Claims:
         out: set[int] = set()
         for place in sorted(readings, key=lambda one: float(own[one] @ own[one])):
             rest = np.delete(others, [row for one, row in readings.items() if one not in out], axis=0)
-            if p_of_tail(own[place], rest) > GUARD:
+            if p_of_tail(own[place], rest) > LISTED:
                 out.add(place)  # and is a part of the tail of those that are farther off
                 others[readings[place]] = own[place]
         return frozenset(out)

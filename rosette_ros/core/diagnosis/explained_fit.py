@@ -8,7 +8,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cause import MissingEffect
-from rosette_ros.core.diagnosis.limits import GUARD, LISTED
+from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.moments import moments_of
 from rosette_ros.core.diagnosis.run_search import RunSearch, with_places
 from rosette_ros.core.model.least_squares import Fit, fit
@@ -88,6 +88,6 @@ def not_needed(start: Fit) -> tuple[str, ...]:
         settings = (*start.settings[:place], *start.settings[place + 1:])
         without = fit(start.run, replace(start.model, terms=rest, repeated=True), settings, start.noise,
                       start.joint.space)
-        if f_test(without, start) > GUARD:
+        if f_test(without, start) > LISTED:
             out.append(str(term))
     return tuple(out)

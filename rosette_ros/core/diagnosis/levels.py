@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Cause
-from rosette_ros.core.diagnosis.limits import HEARD, LISTED, WHOLE
+from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.free import FREE, PLACES, variables
@@ -125,7 +125,7 @@ class _Group:
         """Return the bodies of the best hypothesis, and the likeliest others until one of all these moves surely."""
         out = list(dict.fromkeys(body for one in self.said for body in one.bodies if body not in one.alike))
         left = {bodies: p for bodies, p in self.moved.items() if bodies.isdisjoint(out)}
-        while sum(left.values()) > (1 - WHOLE) * sum(self.moved.values()):
+        while sum(left.values()) > LISTED * sum(self.moved.values()):
             worth: dict[str, float] = {}
             for bodies, p in left.items():
                 for body in bodies:
@@ -137,16 +137,20 @@ class _Group:
     def cause(self, total: float) -> Cause:
         """Return the Cause; total: probability of all hypotheses that were counted."""
         laws, or_with = self.laws.copy(), []
-        for other_variables, others in sorted(self.apart.items(), key=lambda pair: -sum(pair[1].values())):
-            if sum(laws.values()) < WHOLE * total:
+        apart = sorted(((sum(some.values()), others) for others, some in self.apart.items()), reverse=True)
+        left = sum(p for p, _ in apart)
+        moved = sum(laws.values()) + left
+        for p, other_variables in apart:
+            if left > LISTED * moved:
                 or_with.append(other_variables)
-                for law, p in others.items():
-                    _add(laws, law, p)
+                left -= p
+                for law, share in self.apart[other_variables].items():
+                    _add(laws, law, share)
 
         # of several variables those that nearly every explanation has, at least the likeliest
         own = {one: self.seen.get(one, 0.0) for one in frozenset().union(*(some.own for some in self.said))}
         ranked = sorted(own, key=lambda one: (-own[one], one))
-        kept = [one for one in ranked if own[one] >= WHOLE * max(self.seen.values())] or ranked[:1]
+        kept = [one for one in ranked if own[one] >= (1 - LISTED) * max(self.seen.values())] or ranked[:1]
         standing = [frozenset().union(*(some.standing(one) for some in self.said)) - {one} for one in kept]
         sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
 
@@ -171,8 +175,8 @@ def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tu
             together.remove(second)
 
     groups = [_Group(places, said) for places in together]
-    heard = [(key, p) for key, p in posterior.p.items() if p > HEARD]
-    for key, p in heard:
+    for key in posterior.near:
+        p = posterior.p[key]
         every = [motion_of(run, place) for place in posterior.places(key)]
         assigned = _assigned(every, groups)
         taken = {id(one) for mine in assigned for one in mine}
@@ -182,7 +186,7 @@ def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tu
                 group.count(mine, p)
             else:
                 group.count_apart(others, p)
-    total = sum(p for _, p in heard)
+    total = sum(posterior.p[key] for key in posterior.near)
     return tuple(group.cause(total) for group in groups)
 
 

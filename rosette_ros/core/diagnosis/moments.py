@@ -4,7 +4,7 @@
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Interval
-from rosette_ros.core.diagnosis.limits import WHOLE
+from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.run_functions import around, beside, seconds
 from rosette_ros.core.model.least_squares import Fit, JointSpace
@@ -40,7 +40,7 @@ def moments_of(fitted: Fit, place: int) -> dict[str, Interval]:
         p /= p.sum()
 
         low = high = int(p.argmax())
-        while p[low:high + 1].sum() < WHOLE:
+        while p[low:high + 1].sum() < 1 - LISTED:
             lower = high + 1 == p.size or (low > 0 and p[low - 1] >= p[high + 1])
             low, high = (low - 1, high) if lower else (low, high + 1)
         begin, _ = around(times, kept[low].number(name))

@@ -9,8 +9,8 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.hypotheses import Looked
-from rosette_ros.core.diagnosis.limits import LISTED, WHOLE
-from rosette_ros.core.diagnosis.log_evidence import Place, State
+from rosette_ros.core.diagnosis.limits import LISTED
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Place, State
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.run.records import Floats
@@ -112,8 +112,14 @@ class Posterior:
         return Posterior({key: (value - sum({family.name: family.learnt for family, _ in places}.values()), places)
                           for key, (value, places) in self._looked.items()})
 
-    def explanations(self, share: float = WHOLE) -> tuple[Explanation, ...]:
-        """Return hypotheses, the likeliest first, until they have a share together."""
+    @cached_property
+    def near(self) -> tuple[Key, ...]:
+        """The hypotheses that are asked what they say, the likeliest first: what is worse is not looked at."""
+        least = self.log_evidence(self.keys[0]) - NEAR
+        return tuple(key for key in self.keys if self.log_evidence(key) > least)
+
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Return hypotheses, the likeliest first, until all others together need not be told."""
         total = np.cumsum([self.p[key] for key in self.keys])
         return tuple(Explanation(names, self.p[names, noise], noise)
-                     for names, noise in self.keys[:np.searchsorted(total, share) + 1])
+                     for names, noise in self.keys[:np.searchsorted(total, 1 - LISTED) + 1])

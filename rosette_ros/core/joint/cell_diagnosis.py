@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.diagnosis.limits import LISTED, WHOLE
+from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.run_search import RunSearch, with_places
 from rosette_ros.core.diagnosis.verdict import Level
@@ -275,7 +275,7 @@ def _constants(rates: CellRates, name: str) -> tuple[CommonConstant, ...]:
     for what, (values, p) in rates.constants(name).items():
         if units[what].kind == 'choice':
             best = int(np.argmax(p))
-            if p[best] >= WHOLE:
+            if p[best] >= 1 - LISTED:
                 out.append(CommonConstant(what, float(values[best]), 0.0, units[what].unit))
             continue
         mean, width = float(p @ values), np.gradient(values)  # of one value the runs tell no more than its neighbours

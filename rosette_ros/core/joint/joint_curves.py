@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.limits import HEARD
+from rosette_ros.core.diagnosis.log_evidence import NEAR
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.joint.explained_runs import BesideBase, log_bf_of
 from rosette_ros.core.joint.joint_solution import JointSolution
@@ -36,11 +36,10 @@ def choices_of(solution: JointSolution, sigma: float) -> dict[Choice, float]:
         rows = chosen[:columns]
         log[choice] += log_bf_of(rows @ solution.gram @ rows.T, rows @ solution.told, solution.beside.size(choice),
                                  sigma)
-    best = sorted(log, key=lambda one: -log[one])
-    weight = np.exp([log[one] - log[best[0]] for one in best])
-    heard = weight / weight.sum() >= HEARD
-    kept = (weight[heard] / weight[heard].sum()).tolist()
-    return {choice: p for choice, p, is_heard in zip(best, kept, heard) if is_heard}
+    largest = max(log.values())
+    best = sorted((one for one, value in log.items() if value > largest - NEAR), key=lambda one: -log[one])
+    weight = np.exp([log[one] - largest for one in best])
+    return dict(zip(best, (weight / weight.sum()).tolist()))
 
 
 def _alone(beside: BesideBase, choice: Choice) -> float:

@@ -36,7 +36,6 @@ import numpy as np
 import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.diagnosis import search_of
-from rosette_ros.core.diagnosis.limits import HEARD
 from rosette_ros.core.diagnosis.posterior import Explanation, Posterior
 from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.model.base_space import BaseSpace
@@ -106,6 +105,11 @@ class NextReadings:
     expected_uncertainty: float = np.inf
     is_hopeless: bool = False
 
+    @property
+    def likely(self) -> tuple[Explanation, ...]:
+        """The likeliest explanations: those that a block is chosen by."""
+        return self.contenders[:MOST]
+
 
 def next_readings(run: Run, model: Model | None = None, readings: int = BLOCK, pace: Pace = USUAL_PACE,
                   until: float = UNTIL, uncertainty: float | None = None,
@@ -149,7 +153,7 @@ class SettlingStep:
 
 def step_of(found: NextReadings, readings: int) -> SettlingStep:
     """Return the SettlingStep of what was found after so many readings."""
-    return SettlingStep(readings, tuple(one for one in found.contenders if one.probability > HEARD), found.uncertainty)
+    return SettlingStep(readings, found.contenders, found.uncertainty)
 
 
 def steps_of(run: Run, model: Model | None, sizes: Sequence[int]) -> tuple[SettlingStep, ...]:
@@ -173,8 +177,7 @@ def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace, 
     """Return what was found with the block that removes most of the doubt per unit of time."""
     run, pair = search.run, found.separates
     assert pair is not None
-    likely = [pair.first, pair.second, *(one for one in found.contenders if one.probability > HEARD)]
-    likely = list(dict.fromkeys(likely))[:MOST]
+    likely = list(dict.fromkeys([pair.first, pair.second, *found.likely]))[:MOST]
     p = np.array([one.probability for one in likely])
     p /= p.sum()
     predictor = Predictor(search, [members_of(search.posterior, one.members) for one in likely], p)
