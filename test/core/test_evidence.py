@@ -150,6 +150,19 @@ def test_the_kind_of_noise_is_found():
     assert NoiseKinds(beside).found()[0].kinds == ()
 
 
+def test_what_may_join_a_hypothesis_joins_it_as_it_is():
+    """The best member of a family is a Member: in a State it has the same rows and its likeliest size there, and keeps
+    its own outside; at another setting it is what the evidence makes of that."""
+    evidence = evidence_of(run_of(6))
+    offer = next(one for one in evidence.empty.offers(is_open=False) if len(one.family.settings) > 1)
+    joined, = State(evidence, [offer]).members
+    assert joined.rows is offer.rows and joined.place == offer.place and (joined.size, offer.size) == (
+        SIZES[np.argmax(allowed(evidence.empty.line(offer.rows), offer.most))], 16.0)
+    other = offer.at(next(one for one in offer.family.settings if one != offer.setting))
+    assert (other.gain, other.volume) == (0.0, offer.volume)
+    np.testing.assert_array_equal(other.rows, evidence.member(*other.place).rows)
+
+
 def test_probabilities_count_every_hypothesis():
     """They add up to one; two names in the same place cannot be told apart; the rest is as likely as its sum."""
     evidence = {((), ()): 0.0, (('frame_step',), ()): 5.0, (('frame_drift',), ()): 4.5, (('time',), ('wander',)): 2.0}

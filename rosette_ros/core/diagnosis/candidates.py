@@ -23,17 +23,16 @@ def candidates_of(search: RunSearch, claimed: Sequence[Member],
     before = State(search.evidence, claimed)
     known = {one.name for one in claimed}
     out, refused = [], []
-    for offer in [one for one in before.offers(is_open=False) if one.family.name not in known][:MOST_OTHERS]:
-        member = search.evidence.member(offer.family, offer.setting, offer.volume)
+    for member in [one for one in before.offers(is_open=False) if one.family.name not in known][:MOST_OTHERS]:
         if search.evidence.dof <= len(before.basis) + len(member.rows):
             continue
         try:
             fitted = search.with_members([*claimed, member])
         except NotDeterminable:
-            refused.append((offer.family.name, 'its fit to these readings does not converge'))
+            refused.append((member.name, 'its fit to these readings does not converge'))
             continue
         out.append(MissingEffect(
             member.name, member.setting, parameters=fitted.effects[-1].parameters, before=final.rms, after=fitted.rms,
-            time_unit=search.run.time_unit, is_there=search.posterior.of(member.name), p=search.p(offer.gain),
+            time_unit=search.run.time_unit, is_there=search.posterior.of(member.name), p=search.p(member.gain),
             visible_fraction=shown(member), claimed=False))
     return tuple(out), tuple(refused)

@@ -85,8 +85,7 @@ class Claims:
         for offer in rest.offers():
             if offer.family is member.family or offer.log_bf < least - NEAR:
                 continue
-            other = self._search.evidence.member(offer.family, offer.setting, offer.volume)
-            if rest.line(other.rows).max() > least:
+            if rest.line(offer.rows).max() > least:
                 return False
         return True
 
@@ -203,7 +202,7 @@ def opened(state: State) -> State:
         own = state.likelihood - rest.likelihood
         bodies = frozenset(causes[0].bodies) & frozenset(causes[1].bodies)
         alone = [frozenset([name]) for name in causes[0].may_be & causes[1].may_be]
-        free = [evidence.member(family, setting, 0.0) for family in evidence.bank.families if family.is_free
+        free = [evidence.member(family, setting) for family in evidence.bank.families if family.is_free
                 for setting in family.settings
                 if family.effect.moved(setting) == bodies and family.effect.driven_by(setting) in alone]
         best = max(free, key=lambda some: rest.line(some.rows).max(), default=None)

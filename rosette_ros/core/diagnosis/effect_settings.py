@@ -89,8 +89,7 @@ def _best(evidence: Evidence, others: Sequence[Member], place: int, term: Term) 
     offer = next((one for one in state.offers() if one.family.name == str(place)), None)
     if offer is None:
         return None
-    member = evidence.member(offer.family, offer.setting, 0.0)
-    return refined(evidence, member, lambda one: state.fall(one.rows), term.fixed)
+    return refined(offer, lambda one: state.fall(one.rows), term.fixed)
 
 
 def _check_choices(run: Run, term: Term) -> None:

@@ -13,7 +13,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, Suggestion, turned_by
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, turned_by
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
@@ -133,7 +133,7 @@ class Search:
         self.evidence = evidence
         self.states: dict[tuple[str, ...], State] = {}
         self.looked: dict[tuple[str, ...], Looked] = {}
-        self._offers: dict[tuple[bool, tuple[Place, ...]], list[Suggestion]] = {}
+        self._offers: dict[tuple[bool, tuple[Place, ...]], list[Member]] = {}
         self._exhausted: set[tuple[Place, ...]] = set()
 
     @cached_property
@@ -201,8 +201,8 @@ class Search:
             self.states[names], self.looked[names] = state, (state.log_evidence, state.places)
         return state
 
-    def offers(self, state: State, is_open: bool) -> list[Suggestion]:
-        """Return the Suggestions beside a state that may join it; what they are worth counts among the hypotheses."""
+    def offers(self, state: State, is_open: bool) -> list[Member]:
+        """Return what may join a state, best first; what they are worth counts among the hypotheses."""
         key = is_open, state.places
         if key not in self._offers:
             found = [one for one in state.offers(is_open)
@@ -246,8 +246,8 @@ class Search:
                     yield self.settled(child) if child.log_evidence > near else child
                 yield from self._with_pool(rest, near, set(state.names) - set(rest.names))
 
-    def refined(self, state: State, offer: Suggestion) -> Member:
-        """Return the member of an offer, what is searched continuously refined beside a state.
+    def refined(self, state: State, offer: Member) -> Member:
+        """Return what may join a state, what is searched continuously refined beside a state.
 
         Of a coarse grid from the best place of it and from the next best one that this would not reach."""
         def worth(one: Member) -> float:
@@ -257,8 +257,7 @@ class Search:
         apart = (setting for setting in offer.next if setting.keys() != offer.setting.keys() or any(
             not min(reach) <= setting.number(name) <= max(reach) for name, reach in reached.items() if len(reach)))
         starts = [offer.setting, *islice(apart, 1)]
-        return max((refined(self.evidence, self.evidence.member(offer.family, setting, offer.volume), worth)
-                    for setting in starts), key=worth)
+        return max((refined(offer.at(setting), worth) for setting in starts), key=worth)
 
     def settled(self, state: State) -> State:
         """Return a state with each member searched again, and refined, beside the others, or left out if better so."""
@@ -266,14 +265,13 @@ class Search:
         while place < len(state.members) > 1:
             one, rest = state.members[place], state.without(place)
             offer = None if one.family.is_free else rest.offer(one.family)
-            made = self.refined(rest, Suggestion(0.0, one.family, one.setting, offer.volume if offer else one.volume))
+            made = self.refined(rest, (offer or one).at(one.setting))
             if offer:  # somewhere else, or with another choice, it may be better beside these others
-                others = [self.evidence.member(one.family, setting, offer.volume)
-                          for setting in (offer.setting, *_other_choices(made))]
+                others = [offer.at(setting) for setting in (offer.setting, *_other_choices(made))]
                 seen = [each for each in others if np.sum(each.rows**2) >= HIDDEN_SHARE**2 * len(each.rows)]
                 best = max((made, *seen), key=lambda each: rest.line(each.rows).max())
                 if best is not made:
-                    made = self.refined(rest, Suggestion(0.0, best.family, best.setting, best.volume))
+                    made = self.refined(rest, best)
             state = State(self.evidence, (*rest.members[:place], made, *rest.members[place:]))
             if rest.log_evidence > state.log_evidence:
                 state = State(self.evidence, rest.members)
@@ -292,18 +290,17 @@ def _other_choices(member: Member) -> list[Setting]:
     return [Setting({**member.setting, name: value}) for value in sorted(others, key=str)]
 
 
-def refined(evidence: Evidence, member: Member, worth: Callable[[Member], float],
-            fixed: Container[str] = ()) -> Member:
+def refined(member: Member, worth: Callable[[Member], float], fixed: Container[str] = ()) -> Member:
     """Return a member with its continuous parameters refined, again while several gain by that.
 
     worth: of a member, twice a log likelihood; fixed: parameters that stay.
     """
     def at(name: str, value: float) -> Member:
-        return evidence.member(member.family, Setting({**member.setting, name: float(value)}), member.volume)
+        return member.at(Setting({**member.setting, name: float(value)}))
 
     while True:
         before = worth(member)
-        every = member.family.effect.brackets(evidence.run, member.setting)
+        every = member.family.effect.brackets(member.evidence.run, member.setting)
         brackets = {name: bracket for name, bracket in every.items() if name not in fixed}
         for name, bracket in brackets.items():
             def loss(value: float, name: str = name) -> float:

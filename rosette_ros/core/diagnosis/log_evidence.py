@@ -108,20 +108,53 @@ def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof:
     return log_bayes_factor(log_det, fall, left, dof)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Member:
-    """A family at a setting: rows (q, 3 N), T M D of what the model leaves in white coordinates.
+    """A family at a setting that is in a hypothesis, or may join one.
 
-    volume: log of what the sum over all settings is worth over this one; most: largest size that physics allows; size:
-    the likeliest of SIZES.
+    volume: log of what the sum over all settings is worth over this one; gain: in log evidence where it may join, prior
+    and all settings included; next: the best settings after this one, of families with several continuous parameters,
+    of which the grid is coarse; size: the likeliest of SIZES.
     """
 
+    evidence: 'Evidence'
     family: CauseFamily
     setting: Setting
-    rows: Floats
-    volume: float
-    most: float = np.inf
+    volume: float = 0.0
+    gain: float = 0.0
+    next: tuple[Setting, ...] = ()
     size: float = 16.0
+
+    @cached_property
+    def rows(self) -> Floats:
+        """T M D of what the model leaves in white coordinates, (q, 3 N)."""
+        run = self.evidence.run
+        rows = self.evidence.space.residual(columns_of(self.family, run, self.setting))
+        return rows.reshape(len(rows), 3 * run.size)
+
+    @cached_property
+    def most(self) -> float:
+        """The largest size that physics allows."""
+        most, run = self.family.effect.most(self.setting), self.evidence.run
+        if np.isfinite(most):
+            columns = self.family.effect.columns(run, self.setting)
+            most *= float(np.sqrt(np.sum((columns - columns.mean(axis=0))**2, axis=(0, 1)).max())) / self.evidence.scale
+        return most
+
+    def at(self, setting: Setting) -> 'Member':
+        """Return its family at another setting."""
+        return self.evidence.member(self.family, setting, self.volume)
+
+    def sized(self, size: float) -> 'Member':
+        """Return the same of another size."""
+        other = copy.copy(self)
+        other.size = size
+        return other
+
+    @property
+    def log_bf(self) -> float:
+        """The log Bayes factor of its setting where it may join, all sizes included."""
+        return self.gain - self.family.log_prior - self.volume
 
     @property
     def name(self) -> str:
@@ -168,26 +201,6 @@ class Blocks:
         return log_mean(allowed(of_sizes(gram, product, state.left, dof, SIZES[::2]), self.most))
 
 
-@dataclass(frozen=True)
-class Suggestion:
-    """What a family is worth beside a state: gain in log evidence, prior and all settings included.
-
-    setting: the best one; volume: as of Member; next: the best ones after it, of families with several continuous
-    parameters, of which the grid is coarse.
-    """
-
-    gain: float
-    family: CauseFamily
-    setting: Setting
-    volume: float
-    next: tuple[Setting, ...] = ()
-
-    @property
-    def log_bf(self) -> float:
-        """The log Bayes factor of the best setting, all sizes included."""
-        return self.gain - self.family.log_prior - self.volume
-
-
 Part = tuple[Ints, Blocks, Reals | None]
 """Numbers of settings in the bank, their Blocks, and the products of these with the members."""
 
@@ -232,13 +245,9 @@ class Evidence:
                                      most=one.most * self.scale / other.scale) for key, one in self.blocks.items()}
         return other
 
-    def member(self, family: CauseFamily, setting: Setting, volume: float) -> Member:
+    def member(self, family: CauseFamily, setting: Setting, volume: float = 0.0) -> Member:
         """Return a family at any setting as a Member."""
-        rows, most = self.space.residual(columns_of(family, self.run, setting)), family.effect.most(setting)
-        if np.isfinite(most):
-            columns = family.effect.columns(self.run, setting)
-            most *= float(np.sqrt(np.sum((columns - columns.mean(axis=0))**2, axis=(0, 1)).max())) / self.scale
-        return Member(family, setting, rows.reshape(len(rows), 3 * self.run.size), volume, most)
+        return Member(self, family, setting, volume)
 
     @cached_property
     def empty(self) -> 'State':
@@ -269,7 +278,7 @@ class State:
                 sizes[k], occam[k] = SIZES[best], float(log_mean(line)) - whole[best]
             if np.array_equal(sizes[:-1], before[:-1]):
                 break
-        self.members = tuple(replace(one, size=float(size)) for one, size in zip(members, sizes))
+        self.members = tuple(one.sized(float(size)) for one, size in zip(members, sizes))
         self.root, log_det = self._root(range(len(members)), sizes)
         self.inverse = self.root @ self.root.T
         self.left = evidence.total - float(self.product @ self.inverse @ self.product)
@@ -359,16 +368,16 @@ class State:
         """Return the members but one, of the sizes that they have beside it."""
         return State(self.evidence, self.members[:place] + self.members[place + 1:], is_sized=True)
 
-    def offers(self, is_open: bool = True) -> list[Suggestion]:
-        """Return the Suggestion of every family beside the members, best first; is_open: of free courses, too."""
+    def offers(self, is_open: bool = True) -> list[Member]:
+        """Return the best Member of every family that may join, best first; is_open: of free courses, too."""
         evidence, bank = self.evidence, self.evidence.bank
         across = bank.products(self.rows, evidence.space.whitening, is_open) if len(self.rows) else {}
-        return self._suggested(bank.families, [(bank.groups[key].number, blocks, across.get(key))
-                                               for key, blocks in evidence.blocks.items() if is_open or not key[1]])
+        return self._offered(bank.families, [(bank.groups[key].number, blocks, across.get(key))
+                                             for key, blocks in evidence.blocks.items() if is_open or not key[1]])
 
-    def offer(self, family: CauseFamily) -> Suggestion | None:
-        """Return the Suggestion of one named family beside the members; None where it cannot be seen."""
-        return next(iter(self._suggested([family], self._parts_of(family))), None)
+    def offer(self, family: CauseFamily) -> Member | None:
+        """Return the best Member of one named family that may join; None where it cannot be seen."""
+        return next(iter(self._offered([family], self._parts_of(family))), None)
 
     def worth_of(self, family: CauseFamily) -> Floats:
         """Return the log Bayes factor of each setting of a named family beside the members, (settings,), all sizes
@@ -394,8 +403,8 @@ class State:
                 seen[blocks.number[judged]] = True
         return log_bf, seen
 
-    def _suggested(self, families: Sequence[CauseFamily], parts: Sequence[Part]) -> list[Suggestion]:
-        """Return the Suggestions of families, best first."""
+    def _offered(self, families: Sequence[CauseFamily], parts: Sequence[Part]) -> list[Member]:
+        """Return the best Members of families that may join, best first."""
         bank, (log_bf, seen) = self.evidence.bank, self._log_bf(parts)
         out = []
         for family in families:
@@ -405,6 +414,6 @@ class State:
                 best, whole = int(np.argmax(np.where(seen[own], value, -np.inf))), float(log_mean(value))
                 prior = family.log_prior_beside(self.names.count(family.name))
                 next_best = np.argsort(-value)[1:FURTHER] if family.is_coarse else ()
-                out.append(Suggestion(whole + prior, family, family.settings[best], whole - float(value[best]),
-                                      tuple(family.settings[place] for place in next_best)))
+                out.append(Member(self.evidence, family, family.settings[best], whole - float(value[best]),
+                                  whole + prior, tuple(family.settings[place] for place in next_best)))
         return sorted(out, key=lambda one: -one.gain)

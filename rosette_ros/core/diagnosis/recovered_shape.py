@@ -116,7 +116,7 @@ def _twin(rest: State, member: Member) -> Setting | None:
             *ball, variable = setting.word('of').split(TIMES)
             if (variable in effect.variables and ball in ([], [of_ball])
                     and setting.word('along').startswith(effect.body.split(' ')[0])):
-                made = rest.evidence.member(CauseFamily(FREE, name, settings), setting, 0.0)
+                made = rest.evidence.member(CauseFamily(FREE, name, settings), setting)
                 if (worth := float(rest.line(made.rows).max())) > most:
                     best, most = setting, worth
     return best

@@ -164,7 +164,7 @@ def _without(posterior: Posterior, key: Key, name: str = '') -> State:
     evidence, places = posterior.state.evidence, list(posterior.places(key))
     if name:
         places.remove(next(place for place in places if place[0].name == name))
-    return State(evidence, [evidence.member(family, setting, 0.0) for family, setting in places])
+    return State(evidence, [evidence.member(family, setting) for family, setting in places])
 
 
 def _searched_again(posterior: Posterior, alone: Posterior) -> dict[Key, float]:
@@ -190,7 +190,7 @@ def _shape(posterior: Posterior, key: Key, family: CauseFamily) -> CauseShape | 
     rest = _without(posterior, key, family.name)
     place = next(one for one in posterior.places(key) if one[0].name == family.name)
     evidence = rest.evidence
-    rows, moved = evidence.member(*place, 0.0).rows, columns_of(family, evidence.run, place[1])
+    rows, moved = evidence.member(*place).rows, columns_of(family, evidence.run, place[1])
     line, left = rest.line(rows), rest.extended(rows)[0]
     noise = evidence.scale * math.sqrt(max(float(left @ left), evidence.least) / evidence.dof)
     constants: dict[str, tuple[tuple[float, ...], Floats]] = {}

@@ -56,7 +56,7 @@ TINY = 1e-12
 """Growth of log odds that is none."""
 NODES = 24
 """Points at which an expectation is taken."""
-Member = tuple[Effect, Setting]
+Acting = tuple[Effect, Setting]
 """An effect at a setting."""
 
 
@@ -132,7 +132,7 @@ def expected_share(share: float, square: float) -> float:
     return float(scipy.special.expit(odds) @ weight / weight.sum())
 
 
-def members_of(posterior: Posterior, names: tuple[str, ...]) -> list[Member]:
+def members_of(posterior: Posterior, names: tuple[str, ...]) -> list[Acting]:
     """Return the members of an explanation at their best settings; a frame that wanders, as noise, is one of them."""
     key = next(key for key in posterior.keys if key[0] == names)
     walk = (FREE, Setting(of='time', kind=WALK, along='frame along x, y and z'))
@@ -150,7 +150,7 @@ class Predictor:
     search: of the run; members: of each explanation; p: (m,) their probabilities, which add up to 1.
     """
 
-    def __init__(self, search: RunSearch, members: Sequence[Sequence[Member]], p: Floats) -> None:
+    def __init__(self, search: RunSearch, members: Sequence[Sequence[Acting]], p: Floats) -> None:
         fit, self.p = search.base, p
         self.run, self._space = search.run, fit.joint.space
         known = [(term.effect, setting) for term, setting in zip(fit.model.terms, fit.settings)]
@@ -164,7 +164,7 @@ class Predictor:
         """Return what is predicted of the readings that a longer run has beyond this one."""
         size = self.run.size
         at = longer.table_position[size:], longer.ball[size:]
-        blocks, start = dict[Member, tuple[slice, list[slice]]](), 0
+        blocks, start = dict[Acting, tuple[slice, list[slice]]](), 0
         columns = []
         for one in self._every:
             parts = _linear(longer, *one, size)
