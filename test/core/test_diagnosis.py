@@ -8,6 +8,7 @@ import pytest
 from synthetic import synthetic_run
 
 from rosette_ros.analysis import analyse, change
+from rosette_ros.core.diagnosis.base_terms import missing_base
 from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import diagnose, find, judge, known_of
@@ -19,6 +20,7 @@ from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.result_words import comparison_words
@@ -102,6 +104,18 @@ def test_a_base_term_left_out_is_missed():
     said = verdict_text(judge(machine_run('diagonal', n=6), Model(BASE_TERMS[1:])))
     assert said.sentence.endswith('no error motions of the table: their curves are zero by assumption.')
     assert 'add the error motions of the table to the model' in said.action.lower()
+
+
+def test_a_base_term_is_missed_from_what_is_improbable_on():
+    """A ball 0.35 µm too high gives p = 0.002 in 36 readings, one 0.3 µm too high 0.013: by the limit of all else
+    that is no chance, the first is no chance and the second may be."""
+    scheme, model = plan(6, 'random', 1), Model(('table_motions', 'cmm_deviations'))
+    noise = SIGMA * np.random.default_rng(3).standard_normal((scheme.ball.size, 3))
+    for height, expected in ((3.5, ('plate_deviations',)), (3.0, ())):
+        centre = scheme.centres(0.18) + noise
+        centre[scheme.ball == 2, 2] += height * SIGMA
+        run = Run(6, 0.18, scheme.table_position, scheme.ball, centre)
+        assert missing_base(run, fit(run, model)) == expected
 
 
 def test_clean_runs_yield_no_name():

@@ -9,7 +9,7 @@ from noisy_runs import SIGMA, autoregressive, noisy, walk, white
 
 from rosette_ros.core.diagnosis.log_evidence import NEAR
 from rosette_ros.core.diagnosis.noise_hypotheses import noise_beside
-from rosette_ros.core.diagnosis.noise_kinds import NOT_WHITE, WORTH
+from rosette_ros.core.diagnosis.noise_kinds import LEAST, NOT_WHITE
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.run.scheme import plan
@@ -26,7 +26,7 @@ def clean(n, order, seed):
 def test_a_wander_is_seldom_tried_in_white_noise(order):
     """A tenth of the clean runs at most, of 12 and 36 balls."""
     for n, count in ((12, 40), (36, 10)):
-        assert sum(clean(n, order, seed)._wander_hope > WORTH for seed in range(count)) <= 0.1 * count
+        assert sum(clean(n, order, seed)._wander_hope > LEAST for seed in range(count)) <= 0.1 * count
 
 
 @pytest.mark.long
@@ -40,5 +40,5 @@ def test_no_wander_is_lost_that_takes_part():
         found.append((max(one.log_evidence for one in kinds._wander(-np.inf)), kinds._wander_hope))
     own, hope = np.array(found).T
     near = own > math.log(1 - NOT_WHITE) - NEAR / 3
-    assert 5 <= near.sum() <= 14 and (hope[near] > WORTH).all(), found
+    assert 5 <= near.sum() <= 14 and (hope[near] > LEAST).all(), found
     assert np.abs(hope - own)[own < 3].max() < 2, found

@@ -9,10 +9,7 @@ import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import BASE_TERMS
-from rosette_ros.core.run.records import Run
-
-CLAIM_BASE = 1e-4
-"""Probability below which a term of the base model is claimed."""
+from rosette_ros.core.run.records import UNLIKELY, Run
 
 
 def f_test(before: Fit, after: Fit) -> float:
@@ -39,6 +36,6 @@ def missing_base(run: Run, start: Fit) -> tuple[str, ...]:
     for chosen in sets:
         tried = fit(run, replace(model, base=(*model.base, *chosen)), start.settings, start.noise)
         score = start.dof * np.log(rss / max(tried.rms**2 * tried.dof, 1e-300)) - 2 * (tried.rank - start.rank)
-        if f_test(start, tried) * len(sets) < CLAIM_BASE and score > best_score:
+        if f_test(start, tried) * len(sets) < UNLIKELY and score > best_score:
             best, best_score = chosen, score
     return best

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rosette_ros.core.diagnosis.hypotheses import refined
-from rosette_ros.core.diagnosis.log_evidence import Evidence, Member, State
+from rosette_ros.core.diagnosis.log_evidence import ENOUGH, Evidence, Member, State
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit, fit, refused_as_hidden
 from rosette_ros.core.model.model import Model, Term
@@ -18,8 +18,6 @@ from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace
 
 RELINEARISED = 4
 """How often a search is made again with the second-order terms of what it found."""
-IN_TURN = 2
-"""How often each of several effects is searched again beside the others."""
 
 
 def choose_settings(run: Run, model: Model, noise: Noise | None = None) -> tuple[Setting, ...]:
@@ -76,11 +74,18 @@ def searched(evidence: Evidence, model: Model) -> tuple[Setting, ...]:
         if best is None:
             raise refused_as_hidden(evidence.run, term)
         members.append(best)
-    for _ in range(IN_TURN if len(members) > 1 else 0):
+    before, left = np.inf, _left_by(evidence, members)
+    while len(members) > 1 and evidence.dof / 2 * np.log(before / left) > ENOUGH:  # each once more beside the others
         for place, term in enumerate(model.terms):
             others = [*members[:place], *members[place + 1:]]
             members[place] = _best(evidence, others, place, term) or members[place]
+        before, left = left, _left_by(evidence, members)
     return tuple(one.setting for one in members)
+
+
+def _left_by(evidence: Evidence, members: Sequence[Member]) -> float:
+    """Return the square sum that a fit of members leaves, no less than that of the noise that no readings lack."""
+    return max(State(evidence, members).rss, evidence.least)
 
 
 def _best(evidence: Evidence, others: Sequence[Member], place: int, term: Term) -> Member | None:

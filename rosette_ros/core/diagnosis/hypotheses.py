@@ -13,11 +13,11 @@ from operator import attrgetter
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.log_evidence import NEAR, Evidence, Member, Place, State, turned_by
+from rosette_ros.core.diagnosis.log_evidence import ENOUGH, NEAR, Evidence, Member, Place, State, turned_by
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
-from rosette_ros.core.sight.bank import CauseFamily
+from rosette_ros.core.sight.bank import WIDTHS, CauseFamily
 from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 MOST = 5
@@ -28,12 +28,8 @@ POOL = 48
 """Members of a pool."""
 PAIR_SIZES = 2.0**np.array([2, 4, 6])
 """Sizes of each of two members over sigma at which their pair is scored: an estimate."""
-PAIR_WIDTHS = 4, 12, 48
-"""Numbers of columns of members that are scored together; those of more are a class of their own."""
 COARSE, FINE = 5e-3, 0.3
 """Share of its bracket to which a parameter is refined, at most and times the square root of what it is worth."""
-ENOUGH = 0.1
-"""Log evidence by which an exchange has to be better for another one to be tried."""
 
 _evidence = attrgetter('log_evidence')
 Looked = tuple[float, tuple[Place, ...]]
@@ -64,7 +60,7 @@ class Pool:
         self._rows = np.concatenate([np.zeros((0, evidence.y.size)), *(one.rows for one in self.members)])
         self._gram, self._product = self._rows @ self._rows.T, self._rows @ evidence.y
         width = np.array([len(one.rows) for one in self.members], dtype=int)
-        ends, kind = np.cumsum([0, *width]), np.searchsorted(PAIR_WIDTHS, width)
+        ends, kind = np.cumsum([0, *width]), np.searchsorted(WIDTHS, width)
         self._alike: list[tuple[Ints, Ints]] = []  # members of like width, and their rows, filled up by zeros
         for k in np.unique(kind):
             own = np.flatnonzero(kind == k)

@@ -34,6 +34,8 @@ ROUNDING = 1e-5
 NEAR = 9.0
 """Log evidence by which an estimate, on the grid or of a kind of noise, may be wrong: what is worse by more than this
 is not looked at."""
+ENOUGH = 0.1
+"""Log evidence that another step of a search has to gain for one more to be tried."""
 FURTHER = 32
 """Settings of a coarse grid among which another place to refine is looked for."""
 SIZES = 2.0**np.arange(1, 15.25, 0.5)

@@ -17,20 +17,19 @@ from functools import cached_property
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.diagnosis.log_evidence import NEAR, log_mean
+from rosette_ros.core.diagnosis.log_evidence import ENOUGH, NEAR, log_mean
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import NOISE_TERMS
 from rosette_ros.core.model.noise import Noise, Whitening, places
 from rosette_ros.core.run.errors import NotDeterminable
-from rosette_ros.core.run.records import Floats, Ints, Run
+from rosette_ros.core.run.records import EXACT, Floats, Ints, Run
 from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 NOT_WHITE = 0.2
 """Share of the runs whose noise is not white and equal, shared out evenly over its kinds."""
-LEAST = math.log(1 - NOT_WHITE) - 5
-"""Log evidence over white noise without prior below which a kind is not looked at."""
-CLOSE = 3
-"""Kinds of which the evidence itself is worked out, not only its bound."""
+LEAST = math.log(1 - NOT_WHITE) - 4
+"""Log evidence over white noise without prior, by its estimate, below which a kind is not looked at: the estimate of a
+wander is low by about 1, that of scatter by 2."""
 DEGREES = np.array([3.0, 0.5, 1.5, 6.0, 12.0, 25.0])
 """Degrees of freedom of the weights of groups that are summed over: from wild to hardly any difference, and a middle
 that is looked at first."""
@@ -40,17 +39,10 @@ SHARES = 2.0**np.arange(-6, 7, 2)
 """Variances of the wander over that of the white noise that are summed over; of a random walk: after the run."""
 RATIOS = 2.0**np.arange(-2, 2.5, 0.5)
 """Sizes of the noise of z over that of x and y beside a wander that are summed over."""
-WANDER = 'wander'
 LOOKED = 2.0**np.arange(-5, 5.1, 0.25)
 """Sizes of the noise, squared, over those in equal noise of which the best one counts where kinds are looked at."""
-WORTH, PROBES = LEAST + 1, 256
-"""Log evidence of a wander by its spectra, which are low by about 1 (scatter: by 2), below which it is not tried; draws
-of white noise, times balls, by which the share that a fit leaves of each frequency is known."""
-STEPS = 12
-"""Steps of variational Bayes at most: it has converged where the evidence grows by less than TOLERANCE."""
-TOLERANCE = 0.3
-EXACT = 3000.0
-"""Degrees of freedom of a repeatability that is known exactly."""
+PROBES = 256
+"""Draws of white noise, times balls, by which the share that a fit leaves of each frequency is known."""
 SAMPLES = 32
 """Weights that are drawn from what variational Bayes has found: the bound is lower than the evidence by a few nats."""
 
@@ -195,7 +187,7 @@ class NoiseKinds:
         variance = np.maximum(beside.run.steps**2 / 12, least**2) / (beside.unit * beside.digits)**2
         self._least: Floats = variance.reshape(-1)
         self.groups = {name: group for name, group in groups_of(beside.run).items() if _term_of(name) in allowed}
-        self._may_wander = _term_of(WANDER) in allowed
+        self._may_wander = _term_of('wander') in allowed
         self._each = math.log(NOT_WHITE / (len(self.groups) + 1))
         self._zero = beside.white.joined[0]
 
@@ -203,20 +195,20 @@ class NoiseKinds:
     def may_be(self) -> bool:
         """Whether one of them is worth looking at beside white noise."""
         return any(self._hope(name) > LEAST for name in self.groups) or (
-            self._may_wander and self._wander_hope > WORTH)
+            self._may_wander and self._wander_hope > LEAST)
 
     def found(self, least: float = LEAST) -> list[Found]:
         """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
         white = Found((), self.beside.plain, math.log(1 - NOT_WHITE), self._zero)
         least = min(least, LEAST)
-        out = [white, *(self._wander(least) if self._may_wander and self._wander_hope > WORTH else ())]
+        out = [white, *(self._wander(least) if self._may_wander and self._wander_hope > LEAST else ())]
         made = [one for name in self.groups if self._hope(name) > least for one in self._scatter((name,), least)]
         single = sorted((one for one in made if one.bound > white.log_evidence), key=lambda one: -one.bound)
         for other in single[1:3]:
             made += self._scatter((*single[0].names, *other.names))
         made.sort(key=lambda one: -one.bound)
         near = max((one.bound for one in made), default=0.0) - NEAR
-        out += [self._found(one, place < CLOSE and one.bound > near) for place, one in enumerate(made)]
+        out += [self._found(one, one.bound > near) for one in made]
         return sorted(out, key=lambda one: -one.log_evidence)
 
     def _hope(self, name: str) -> float:
@@ -309,7 +301,7 @@ class NoiseKinds:
         shapes: list[Floats] = [np.zeros(0)] * len(names)
         weights, left, before = list(state.weights), state.left, -np.inf
         digamma, gammaln = scipy.special.digamma, scipy.special.gammaln
-        for _ in range(STEPS):
+        while True:
             residual, share, square, _ = left.fitted
             error = np.maximum(residual**2, self._least) * self.beside.dof / square + share
             total = np.prod([one[self.groups[name]] for one, name in zip(weights, names)], axis=0)
@@ -326,7 +318,7 @@ class NoiseKinds:
             left = self.beside.under(Whitening(self.run.size, self.beside.digits / np.sqrt(total.reshape(-1, 3))))
             # the determinant of the noise counts the mean of the logarithm, not the logarithm of the mean
             likelihood = left.joined[0]
-            if likelihood + bound < before + TOLERANCE:
+            if not likelihood + bound > before + ENOUGH:
                 break
             before = likelihood + bound
         return _Weights(tuple(weights), tuple(shapes), left, max(before, likelihood + bound), likelihood)
@@ -378,7 +370,7 @@ class NoiseKinds:
             return
         every = {phi: log_bf(tried(phi, SHARES.tolist())) for phi in MEMORIES}
         equal = np.flatnonzero(RATIOS == 1)
-        for kinds, ratios in (((WANDER,), equal), (('z', WANDER), np.arange(len(RATIOS)))):
+        for kinds, ratios in ((('wander',), equal), (('z', 'wander'), np.arange(len(RATIOS)))):
             some = {phi: one[..., ratios] for phi, one in every.items()}
             best = max(some, key=lambda phi: some[phi].max())
             weight = np.exp(some[best] - some[best].max())
@@ -394,8 +386,8 @@ class NoiseKinds:
 
 def _term_of(name: str) -> str:
     """Return the term of a model that allows a kind of noise."""
-    kind = {'z': 'axes', 'axis': 'axes', 'reading': 'tail', 'coordinate': 'tail', WANDER: WANDER}.get(name, 'groups')
-    return f'noise.{kind}'
+    kinds = {'z': 'axes', 'axis': 'axes', 'reading': 'tail', 'coordinate': 'tail', 'wander': 'wander'}
+    return f'noise.{kinds.get(name, "groups")}'
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,16 +5,15 @@ import numpy as np
 import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by
-from rosette_ros.core.diagnosis.noise_kinds import DEGREES, EXACT, NOT_WHITE
+from rosette_ros.core.diagnosis.noise_kinds import DEGREES, NOT_WHITE
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.run.records import Floats
+from rosette_ros.core.run.records import EXACT, Floats
 from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 DRAWS, PARTS = 100, 5
 """Runs of noise, and in how many parts they are looked at, one after the other, to save memory."""
 TAIL = 10
 """Draws beyond which the probability falls as that of a log Bayes factor does: by e for each unit (Markov)."""
-EM_STEPS = 30
 
 
 def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
@@ -85,9 +84,10 @@ def _p_of_student(own: float, square: Floats, dim: int) -> float:
     degrees = np.append(finite, EXACT)
     prior = np.append(np.full(finite.size, NOT_WHITE / finite.size), 1 - NOT_WHITE)
     scale = np.full(degrees.size, max(float(square.mean()) / dim, 1e-300))
-    for _ in range(EM_STEPS):
-        scale = np.mean((degrees[:, None] + dim) / (degrees[:, None] + square / scale[:, None]) * square, axis=1) / dim
-        scale = np.maximum(scale, 1e-300)
+    before = np.zeros(degrees.size)
+    while not np.allclose(scale, before, atol=0):  # the likeliest one, by EM
+        weighted = (degrees[:, None] + dim) / (degrees[:, None] + square / scale[:, None]) * square
+        before, scale = scale, np.maximum(np.mean(weighted, axis=1) / dim, 1e-300)
     half, gammaln = degrees / 2, scipy.special.gammaln
     log_p = square.size * (gammaln(half + dim / 2) - gammaln(half) - dim / 2 * np.log(degrees * scale)) - np.sum(
         (half[:, None] + dim / 2) * np.log1p(square / (degrees * scale)[:, None]), axis=1) + np.log(prior)

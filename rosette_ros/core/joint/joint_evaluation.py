@@ -21,13 +21,12 @@ from rosette_ros.core.model.least_squares import HIDDEN_SHARE, FittedEffect, Sig
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Frame
-from rosette_ros.core.run.records import CURVES, SAME_READING, SAME_SHARE, UNLIKELY, ErrorMotions
+from rosette_ros.core.run.records import CURVES, EXACT, SAME_READING, SAME_SHARE, UNLIKELY, ErrorMotions
 from rosette_ros.core.run.remarks import Remark, remark
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MATTERS, hidden_covariance
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Environment, Unseen
 
-EXACT = 1e9
 NEAR, NEARLY_ALONG = 1e-3, 5e-3
 """Table frames that differ by less, m and rad, are two findings of one."""
 SAME_PLATE = 0.5

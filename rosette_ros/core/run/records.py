@@ -29,6 +29,8 @@ FEWEST_DIGITS = 6
 """So many coordinates that are whole numbers of steps are no chance."""
 MOST_DIGITS = 8
 """Coordinates of more significant digits are not rounded."""
+EXACT = 1e9
+"""Degrees of freedom of a standard deviation that is known exactly."""
 UNLIKELY = 0.01
 """Probability below which something is no chance, and a stated repeatability not believed: the readings scatter more
 than stated, and they, not the repeatability, state the uncertainties.
