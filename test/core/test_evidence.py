@@ -19,6 +19,7 @@ from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, columns_of, families_of
 from rosette_ros.core.sight.priors import log_found, with_priors
+from rosette_ros.core.sight.visibility import visible_share
 
 RADIUS = 0.18
 NOISES = {'white': (np.ones(3), 0.0, np.zeros(3)), 'unequal': (np.array([1.0, 1.0, 2.0]), 0.0, np.zeros(3)),
@@ -161,6 +162,17 @@ def test_what_may_join_a_hypothesis_joins_it_as_it_is():
     other = offer.at(next(one for one in offer.family.settings if one != offer.setting))
     assert (other.gain, other.volume) == (0.0, offer.volume)
     np.testing.assert_array_equal(other.rows, evidence.member(*other.place).rows)
+
+
+def test_sensitivity_is_that_of_the_order():
+    """Of a member, of its family at its best setting, and of an effect on a run, by whatever way it is asked."""
+    run = run_of(6, 'row')
+    evidence = evidence_of(run)
+    for name in ('frame_drift', 'ball_slip', 'axis_tilt_drift', 'outlier'):
+        family = next(one for one in evidence.bank.families if one.name == name)
+        every = [evidence.member(family, setting).sensitivity for setting in family.settings]
+        assert evidence.sensitivities[name] == pytest.approx(max(every), abs=1e-3)
+        assert visible_share(run, name).share == pytest.approx(max(every), abs=1e-3), name
 
 
 def test_probabilities_count_every_hypothesis():

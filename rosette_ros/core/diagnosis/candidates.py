@@ -4,7 +4,6 @@
 from collections.abc import Sequence
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
-from rosette_ros.core.diagnosis.claims import shown
 from rosette_ros.core.diagnosis.log_evidence import Member, State
 from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.model.least_squares import Fit
@@ -34,5 +33,5 @@ def candidates_of(search: RunSearch, claimed: Sequence[Member],
         out.append(MissingEffect(
             member.name, member.setting, parameters=fitted.effects[-1].parameters, before=final.rms, after=fitted.rms,
             time_unit=search.run.time_unit, is_there=search.posterior.of(member.name), p=search.p(member.gain),
-            visible_fraction=shown(member), claimed=False))
+            visible_fraction=member.sensitivity, claimed=False))
     return tuple(out), tuple(refused)

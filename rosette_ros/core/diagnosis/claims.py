@@ -116,7 +116,7 @@ class Claims:
         """The members that are claimed as effects."""
         named, members = self._search.posterior.named, self.chosen.members
         return tuple(replace(self._with_experience(named[one.name]), setting=one.setting, cause=self._cause_of(one),
-                             p=self._p_of_member(members.index(one)), visible_fraction=shown(one))
+                             p=self._p_of_member(members.index(one)), visible_fraction=one.sensitivity)
                      for one in self.members)
 
     def _with_experience(self, one: MissingEffect) -> MissingEffect:
@@ -136,7 +136,7 @@ class Claims:
             if one.family.is_free and self._is_guarded(place):
                 cause = self._cause_of(one)
                 out.append(MissingEffect(one.family.effect.name, one.setting, cause=cause, together=cause.probability,
-                                         p=self._p_of_member(place), visible_fraction=shown(one)))
+                                         p=self._p_of_member(place), visible_fraction=one.sensitivity))
         return tuple(out)
 
     @property
@@ -216,8 +216,3 @@ def _goes_alike(one: Member, other: Member) -> bool:
     first, second = one.family.effect, other.family.effect
     return (isinstance(first, PhysicalEffect) and isinstance(second, PhysicalEffect)
             and type(first.course) is type(second.course) and {first.body, second.body}.isdisjoint(('ball', 'reading')))
-
-
-def shown(member: Member) -> float:
-    """Return the share of a member that the order shows."""
-    return min(float(np.sqrt(np.sum(member.rows**2) / max(len(member.rows), 1))), 1.0)

@@ -183,15 +183,7 @@ def search_of(run: Run, model: Model = Model()) -> RunSearch:  # noqa: B008 (it 
 
 def _invisible(search: RunSearch, missing: list[str]) -> tuple[str, ...]:
     """Return the effects that the order hides at every setting, but for those that the model has or lacks."""
-    if search.noiseless:
-        return ()
-    bank, shares = search.readings.bank, dict[str, float]()
-    for key, seen in search.readings.white.shares.items():
-        if not key[1]:
-            for number, share in zip(bank.groups[key].family.tolist(), seen.tolist()):
-                name = bank.families[number].name
-                shares[name] = max(shares.get(name, 0.0), share)
-    known = {*missing, *(term.name for term in search.base.model.terms)}
+    shares, known = search.readings.white.sensitivities, {*missing, *(term.name for term in search.base.model.terms)}
     return tuple(name for name in effects_of(search.run) if name not in known and shares.get(name, 1.0) < HIDDEN_SHARE)
 
 

@@ -264,7 +264,7 @@ class Search:
             made = self.refined(rest, (offer or one).at(one.setting))
             if offer:  # somewhere else, or with another choice, it may be better beside these others
                 others = [offer.at(setting) for setting in (offer.setting, *_other_choices(made))]
-                seen = [each for each in others if np.sum(each.rows**2) >= HIDDEN_SHARE**2 * len(each.rows)]
+                seen = [each for each in others if each.sensitivity >= HIDDEN_SHARE]
                 best = max((made, *seen), key=lambda each: rest.line(each.rows).max())
                 if best is not made:
                     made = self.refined(rest, best)

@@ -20,7 +20,7 @@ import numpy as np
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Bools, Floats, Ints, Run
-from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
+from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of, sensitivity
 from rosette_ros.core.sight.bayes_factor import log_bayes_factor
 
 Place = tuple[CauseFamily, Setting]
@@ -143,6 +143,11 @@ class Member:
             most *= float(np.sqrt(np.sum((columns - columns.mean(axis=0))**2, axis=(0, 1)).max())) / self.evidence.scale
         return most
 
+    @property
+    def sensitivity(self) -> float:
+        """The share that the order shows of it."""
+        return min(sensitivity(self.rows), 1.0)
+
     def at(self, setting: Setting) -> 'Member':
         """Return its family at another setting."""
         return self.evidence.member(self.family, setting, self.volume)
@@ -246,6 +251,14 @@ class Evidence:
         other.blocks = {key: replace(one, product=turned_by(one.vector, products[key][one.seen])[..., 0],
                                      most=one.most * self.scale / other.scale) for key, one in self.blocks.items()}
         return other
+
+    @cached_property
+    def sensitivities(self) -> dict[str, float]:
+        """The largest share that the run shows of each family, by name."""
+        best = np.zeros(len(self.bank.families))
+        for key, seen in self.shares.items():
+            np.maximum.at(best, self.bank.groups[key].family, seen)
+        return dict(zip([one.name for one in self.bank.families], best.tolist()))
 
     def member(self, family: CauseFamily, setting: Setting, volume: float = 0.0) -> Member:
         """Return a family at any setting as a Member."""

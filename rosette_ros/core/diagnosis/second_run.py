@@ -24,7 +24,7 @@ from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import SAME_READING, SAME_SHARE, UNLIKELY, Floats, Run
-from rosette_ros.core.sight.bank import CauseFamily, columns_of
+from rosette_ros.core.sight.bank import CauseFamily, columns_of, sensitivity
 from rosette_ros.core.sight.visibility import DETECTABLE
 
 Learnt = tuple[Effect, FittedEffect]
@@ -140,7 +140,7 @@ def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[CheckOu
 
 def _visible_share(effect: Effect, setting: Setting, before: Fit) -> float:
     rows = before.joint.residual(columns_of(CauseFamily(effect, effect.name, (setting,)), before.run, setting))
-    return float(np.sqrt(np.sum(rows**2) / max(len(rows), 1)))
+    return sensitivity(rows)
 
 
 def _with(before: Fit, pairs: Sequence[Learnt]) -> Fit:

@@ -133,7 +133,7 @@ def causes_in(search: RunSearch) -> RunCauses:
     kept = tuple(sorted((names for names, value in best.items() if value > least or lifted[names] > least_lifted),
                         key=lambda names: -best[names]))
     prior = {name: every[name] for names in kept for name in names}
-    shares = _shares(search)
+    shares = search.readings.white.sensitivities
     silent = frozenset(LAWS).difference(shares) | {name for name, share in shares.items() if share < HIDDEN_SHARE}
     made = RunCauses(kept, np.array([best[names] for names in kept]), prior, silent.difference(prior))
     if search.noiseless:
@@ -145,18 +145,6 @@ def causes_in(search: RunSearch) -> RunCauses:
         if key and (shape := _shape(posterior, key, families[name])):
             shapes[name] = shape
     return RunCauses(made.hypotheses, made.log_evidence, prior, made.silent, shapes)
-
-
-def _shares(search: RunSearch) -> dict[str, float]:
-    """Return the largest sensitivity of a run to each family."""
-    bank, out = search.readings.bank, dict[str, float]()
-    for key, seen in search.readings.white.shares.items():
-        number = bank.groups[key].family
-        best = np.zeros(len(bank.families))
-        np.maximum.at(best, number, seen)
-        for k in np.unique(number):
-            out[bank.families[k].name] = max(out.get(bank.families[k].name, 0.0), float(best[k]))
-    return out
 
 
 def _without(posterior: Posterior, key: Key, name: str = '') -> State:

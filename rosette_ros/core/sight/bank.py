@@ -368,6 +368,12 @@ class Bank:
         return out
 
 
+def sensitivity(left: Floats) -> float:
+    """Return the share that an order shows of columns of unit size, by what a model leaves of them, (q, ...): the root
+    of their mean square sum, 0 of none."""
+    return float(np.sqrt(np.sum(left**2) / max(len(left), 1)))
+
+
 def why_not_judged(effect: Effect, run: Run) -> str:
     """Return why an effect cannot be judged on a run, empty where it can."""
     return effect.unavailable(run) or (
