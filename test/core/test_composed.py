@@ -31,11 +31,13 @@ def hidden(run, name):
             out[:, :2] = (3e-6 * turned * (np.arange(run.size) >= run.size // 3)).T
         case 'plate_tilt_cycle':  # 4 urad about its x, five times in the run
             out[:, 2] = 4e-6 * RADIUS * np.sin(run.beta) * np.sin(2 * np.pi * 5 * np.arange(run.size) / run.size)
+        case 'plate_warp_warmup':  # 1 um in two waves around it
+            out[:, 2] = 1e-6 * np.cos(2 * run.beta - 0.7) * -np.expm1(-hours / 0.12)
     return out
 
 
 @pytest.mark.parametrize('name', ['axis_tilt_pulse', 'table_zero_asynchronous', 'cmm_squareness_warmup',
-                                  'plate_oval_step', 'plate_tilt_cycle'])
+                                  'plate_oval_step', 'plate_tilt_cycle', 'plate_warp_warmup'])
 def test_a_composed_law_is_found(name):
     """Each stands 12 times and more above the noise, in an order that shows it."""
     run, *_ = synthetic_run(7, 'random', seed=5, noise=SIGMA, repeatability=SIGMA)
@@ -63,5 +65,5 @@ def test_every_motion_goes_with_every_course():
         ('plate_tilt', 'warmup'), ('axis_tilt', 'asynchronous'),
         *((one.name, 'periodic') for one in MOVING[1:]),  # a period of any shape is looked for in the probe
         *((name, 'asynchronous') for name in ('frame', 'plate_tilt', 'plate_slide', 'plate_growth', 'plate_oval',
-                                              'cmm_scale', 'cmm_squareness'))}
+                                              'plate_warp', 'cmm_scale', 'cmm_squareness'))}
     assert not COMPOSED.keys() & EFFECTS.keys()

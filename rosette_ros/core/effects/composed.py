@@ -74,6 +74,8 @@ MOVING = (
            'Temperature of the plate', 'R e_r f'),
     Moving('plate_oval', move.PlateOval(), 'm/m', 'ovalling of the plate', 'The plate becomes oval', '',
            'Clamps that pull to one side, one-sided heat on the plate', 'R_z(phi) (a x + b y, b x - a y) f'),
+    Moving('plate_warp', move.PlateSaddle(), 'm', 'warping of the plate', 'The plate warps in waves around it', '',
+           'Uneven temperature of the plate, over-tight clamps', '(a cos(m beta) + b sin(m beta)) f along z'),
     Moving('cmm_scale', move.CmmScales(), 'm/m', 'change of the CMM scales', 'The scales of the CMM change', ' of',
            'Scales of the CMM and their temperature', 'x f along x, y f along y'),
     Moving('cmm_squareness', move.CmmSquareness(), 'rad', 'change of the CMM squareness',

@@ -248,7 +248,8 @@ class PlateSaddle(Motion):
         return ((np.cos, order), (np.sin, order))
 
     def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
-        return tuple(Quantity(name, one.unit, f'{wave} {one.meaning}')
+        return tuple(Quantity('_'.join(filter(None, (one.name, name))), one.unit,
+                              f'{one.meaning}, {wave} around the plate')
                      for name, wave in (('a', 'cosine'), ('b', 'sine')))
 
     def direction(self, run: Run, part: Any) -> Floats:
