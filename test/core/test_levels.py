@@ -188,6 +188,20 @@ def test_what_else_it_moves_with_is_told_until_little_is_left():
     assert len(posterior.near) == 4 and Posterior({**looked, ((), ()): (-10.0, ())}).near == posterior.near[:3]
 
 
+@pytest.mark.parametrize('stays, variable', [(0.0, 'cmm direction'), (0.5, 'cmm memory')])
+def test_what_moves_of_the_cmm_leave_goes_by_their_length(stays, variable):
+    """It overshoots by 2 um/m of the way to a ball, or its base leans after it and half of that stays to the next."""
+    run, *_ = synthetic_run(7, 'random', seed=5, noise=SIGMA, repeatability=SIGMA)
+    along = run.phi + run.beta
+    place = run.radius * np.stack([np.cos(along), np.sin(along), np.zeros(run.size)], axis=1)
+    off = np.zeros((run.size, 3))
+    for k in range(1, run.size):
+        off[k] = stays * off[k - 1] + 2e-6 * (place[k] - place[k - 1])
+    cause, = find(run.replace(centre=run.centre + off)).causes
+    assert (cause.bodies, [some[0] for some in cause.variables]) == (('frame',), [variable])
+    assert cause.probability > 0.97 and cause.laws[0][0] == ()
+
+
 def test_what_moves_by_a_constant_amount_is_said_so():
     """The stem of a ball leans in the machine: its ball moves with nothing, in the hypotheses that have it and in place
     of a slip. Every effect of the library can be said so, where no law is certain."""

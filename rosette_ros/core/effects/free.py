@@ -91,6 +91,13 @@ def _angle(name: str, values: Floats, top: int, kinds: tuple[str, ...] = tuple(W
                     {kind: 1 / (1 + (order / WAVES[kind])**4) for kind in kinds})
 
 
+def _with(one: Variable, kind: str, functions: Floats) -> Variable:
+    """Return a variable with one more kind of process, of functions (K, N) of its own."""
+    kinds = {word: np.append(variance, np.zeros(len(functions))) for word, variance in one.kinds.items()}
+    kinds[kind] = np.append(np.zeros(len(one.functions)), np.ones(len(functions)))
+    return replace(one, functions=np.concatenate([one.functions, functions]), kinds=kinds)
+
+
 @lru_cache(maxsize=2)
 def variables(run: Run) -> tuple[Variable, ...]:
     """Return the variables that a run records and that change in it."""
@@ -123,12 +130,17 @@ def variables(run: Run) -> tuple[Variable, ...]:
     found += _ordinary('touches', '1', np.log1p(np.arange(run.size)), ('slow',))
     if run.is_gapless:
         theta, known = on.last_move(run)
-        direction = _angle('cmm direction', theta, min(4, top), ('smooth',))
-        found.append(replace(direction, functions=direction.functions * known[:, 0]))
-        found += [Variable('cmm memory', '', left[0], left, {word: np.ones(2)}) for word, keep in MEMORY.items()
-                  for left in [on.leaky_sum(np.stack([np.cos(theta), np.sin(theta)]) * known[:, 0], keep)]]
         spot = on.radial(run.alpha)
-        way = np.linalg.norm(np.diff(spot, axis=0, prepend=spot[:1]), axis=1)
+        moves = np.diff(spot, axis=0, prepend=spot[:1])
+        waves = _angle('cmm direction', theta, min(4, top), ('smooth',))
+        waves = replace(waves, functions=waves.functions * known[:, 0])
+        found.append(_with(waves, 'smooth by length', moves[:, :2].T))
+        sides = np.stack([np.cos(theta), np.sin(theta)]) * known[:, 0]
+        for word, keep in MEMORY.items():
+            left = on.leaky_sum(sides, keep)
+            found.append(_with(Variable('cmm memory', '', left[0], left, {word: np.ones(2)}), f'{word} by length',
+                               on.leaky_sum(moves[:, :2].T, keep)))
+        way = np.linalg.norm(moves, axis=1)
         last = np.maximum.accumulate(np.where(way > 1e-9, np.arange(run.size), 0))
         if np.unique(np.round(way[last][known[:, 0]], 6)).size > 1:
             found += _ordinary('cmm distance', '1', way[last], ('slow', 'middle'), known[:, 0])
