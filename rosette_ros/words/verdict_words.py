@@ -88,8 +88,9 @@ VERBS = {
 MOST_OTHERS = 3
 """Alternatives that are said one by one."""
 MOVES: dict[type[Motion], str] = {
-    move.FrameAxes: 'the probe moves', move.TableTurn: 'the table turns', move.AxisTilt: 'the table axis tilts',
-    move.AxisShiftAndTilt: 'the table axis moves', move.TableAxial: 'the table grows',
+    move.FrameAxes: 'the probe moves', move.TableTurn: 'the table or the plate turns',
+    move.AxisTilt: 'the table axis tilts', move.AxisShiftAndTilt: 'the table axis moves',
+    move.TableAxial: 'the table grows',
     move.PlateSlide: 'the plate moves', move.PlateSlideAndTurn: 'the plate moves', move.PlateGrowth: 'the plate grows',
     move.PlateOnSupports: 'the plate tilts', move.PlateTilt: 'the plate tilts',
     move.PlateOval: 'the plate becomes oval', move.PlateSaddle: 'the plate warps', move.PlateBending: 'the plate bends',
@@ -345,13 +346,6 @@ def with_words(variables: Iterable[str]) -> str:
 def _does(effect: PhysicalEffect, who: str) -> str:
     """Return what an effect of one ball or reading does with it."""
     return f'{who} {"moves" if isinstance(effect.motion, move.BallInPlate) else "is off"}'
-
-
-def _alike_words(some: Sequence[str]) -> str:
-    """Return which variables are correlated with the first one of a set, '' for the number of readings alone."""
-    first, *others = (_in_words(name) for place, name in enumerate(some) if not place or name != 'touches')
-    are = 'is' if len(others) == 1 else 'are'
-    return f'{capital(names(others))} {are} correlated with {first} in this order.' if others else ''
 
 
 def _unnamed_sentences(every: Sequence[MissingEffect]) -> list[str]:

@@ -134,8 +134,8 @@ def test_motions_of_one_period_are_one_cause():
              cycle('table_zero_cycle', 'table or plate turning', 682.0))
     said = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, alike)).sentence
     assert said.startswith(
-        'The probe moves, the table axis tilts and the table turns with time (99 %), most likely by one cause, with a '
-        'fixed period in time (period 11.2 min) (98 %). With them ')
+        'The probe moves, the table axis tilts and the table or the plate turns with time (99 %), most likely by one '
+        'cause, with a fixed period in time (period 11.2 min) (98 %). With them ')
     apart = (alike[0], cycle('axis_tilt_cycle', 'table axis tilting', 800.0))
     assert ' (99 %), most likely periodic tilt of the table axis (98 %). ' in verdict_text(
         Verdict(Outcome.NAMED, BEFORE, AFTER, apart)).sentence
@@ -196,7 +196,7 @@ def test_a_size_that_is_not_determined_is_said_as_that():
      'and periodic drift of the machine (80 %), a law that is not in the library (19 %)'),
     (MissingEffect('table_zero_drift', Setting(), {}, cause('table or plate turning', (('temperature',),), 0.99, {
         '': 0.93, 'table_zero_expansion': 0.06})),
-     'the table turns with the temperature (99 %); its law is not in the library (93 %)'),
+     'the table or the plate turns with the temperature (99 %); its law is not in the library (93 %)'),
     (MissingEffect('frame_drift', Setting(), {}, cause('frame', ALIKE, 0.5, {'frame_drift': 0.5}),
                    (('table_zero_drift', 0.42),), 0.92),
      'linear probe drift (50 %), or angular drift of the table (42 %)')])
