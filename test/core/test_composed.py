@@ -45,6 +45,16 @@ def test_a_composed_law_is_found(name):
     assert found.missing == (name,)
 
 
+def test_a_period_of_seven_readings_has_any_shape():
+    """A compressor fills quickly and empties slowly: so many readings show three harmonics."""
+    run, *_ = synthetic_run(7, 'random', seed=5, noise=SIGMA, repeatability=SIGMA)
+    phase = np.arange(run.size) / 7.1 % 1
+    height = 1e-6 * np.where(phase < 0.15, phase / 0.15, (1 - phase) / 0.85)
+    found = find(run.replace(centre=run.centre + height[:, None] * [0.0, 0.0, 1.0]))
+    assert found.missing == ('frame_periodic',)
+    assert found.terms[0].fixed['period'] == pytest.approx(7.1 * np.median(np.diff(run.time)), rel=0.01)
+
+
 def test_one_scale_is_told_from_both():
     """The scale along y alone changes: the law says which."""
     run, *_ = synthetic_run(7, 'random', seed=6, noise=SIGMA, repeatability=SIGMA)

@@ -181,10 +181,10 @@ class Cycle(InTime):
 class Periodic(Cycle):
     """A period of any shape: cos and sin of 2 pi k t/P, k = 1 to 3, the k-th of 1/k of the size of the first.
 
-    Two cycles to an eighth of the readings' number, so that the readings sample the last harmonic."""
+    Two cycles to as many as there are readings for two in each period of the last harmonic."""
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(period=(duration(run) / np.arange(FEWEST_CYCLES, run.size / 8 + 0.1, 0.5)).tolist())
+        return grid(period=(duration(run) / np.arange(FEWEST_CYCLES, run.size / (2 * OVERTONES) + 0.1, 0.5)).tolist())
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         angle = 2 * np.pi * seconds(run) / values(settings, 'period')
