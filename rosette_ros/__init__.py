@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rosette_ros.invocation import __version__ as __version__
 
 if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
+    from rosette_ros.api.archived_runs import archived_runs as archived_runs
     from rosette_ros.api.cells import CellDiagnosed as CellDiagnosed
     from rosette_ros.api.curve_sources import CurvesCompared as CurvesCompared
     from rosette_ros.api.curve_sources import compare_curves as compare_curves
@@ -70,6 +71,7 @@ if TYPE_CHECKING:  # for editors and type checkers; _PLACES says the same
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 _PLACES = {
+    'api.archived_runs': 'archived_runs',
     'api.cells': 'CellDiagnosed',
     'api.curve_sources': 'CurvesCompared compare_curves',
     'api.documents': 'certify report',

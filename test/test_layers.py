@@ -40,7 +40,7 @@ ALLOWED = {
     'presentation': {'core', 'invocation', 'words', 'io', 'analysis', 'presentation'},
     'certificate': {'core', 'invocation', 'words', 'io', 'analysis', 'presentation', 'certificate'},
     'archive': {'core', 'invocation', 'words', 'io', 'analysis', 'presentation', 'archive'},
-    'api': {'core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'requirements',
+    'api': {'core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'archive', 'requirements',
             'api'},
     'nodes': {'core', 'invocation', 'words', 'io', 'simulation', 'analysis', 'calibration', 'dme', 'nodes'},
     'cell': {'core', 'invocation', 'words', 'io', 'calibration', 'nodes', 'cell'},

@@ -105,8 +105,7 @@ def joint_page(every: Sequence[Measurement], inputs: Stated = None, environment:
     page, origins = (loaded(f'{REPORT}.{name}', 'report') for name in ('joint_page', 'provenance'))
     with doing('evaluating'):
         result = joint_result(every, inputs, environment, share)
-    paths = [one.path for one in every if one.path]
-    known, contradictions = joint_identity(paths, every[0].run_id, identity)
+    known, contradictions = joint_identity([(one.path, one.run_id) for one in every if one.path], identity)
     files = [file for one in every if one.path for file in page.files_of(one.path, one.readings)]
     files += [origins.digest(one) for one in (share, identity, inputs) if isinstance(one, str | Path)]
     pictures = page.joint_pictures(result)

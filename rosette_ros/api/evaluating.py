@@ -268,8 +268,8 @@ def evaluated_jointly(every: Sequence[Measurement], inputs: Stated = None, envir
                       where: Sequence[float] = ()) -> JointEvaluation:
     """Return the JointEvaluation of runs; arguments as of `evaluate`, where as of `evaluated`."""
     result = joint_result(every, inputs, environment, share)
-    paths = [one.path for one in every if one.path]
-    known = joint_identity(paths, every[0].run_id, identity)[0] if paths or identity else every[0].identity
+    files = [(one.path, one.run_id) for one in every if one.path]
+    known = joint_identity(files, identity)[0] if files or identity else every[0].identity
     return JointEvaluation(result, known.limits(result.solution.model.runs[0].rotation),
                            joint_spheres(result, *where) if where else [])
 
@@ -478,8 +478,8 @@ def correct(runs: Runs, model: ModelLike = None, curves: Sequence[str] = CURVES,
         raise InvalidData(f'curves: expected some of {", ".join(CURVES)}, found {wrong[0]!r}')
     every = several(runs)
     if len(every) > 1 or every[0].has_plate:
-        paths = [one.path for one in every if one.path]
-        serial = joint_identity(paths)[0]['table.serial'] if paths else every[0].identity['table.serial']
+        files = [(one.path, one.run_id) for one in every if one.path]
+        serial = (joint_identity(files)[0] if files else every[0].identity)['table.serial']
         return corrected_jointly(joint_result(every, inputs, environment, share), serial, tuple(curves))
     return corrected(JudgedRun(every[0], model, inputs, environment), tuple(curves))
 

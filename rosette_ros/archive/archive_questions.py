@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Questions to an archive: views for SQL, the questions that most ask, what may move in the cell of a table."""
+"""Answers of an archive: to SQL, to the questions that most ask, what may move in the cell of a table."""
 
-import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_question import Question
 from rosette_ros.archive.run_row import AXES
-from rosette_ros.core.diagnosis.verdict import Level
-from rosette_ros.core.effects.composed import LAWS, effect
-from rosette_ros.core.run.errors import InvalidData, counted, unknown_name
+from rosette_ros.core.effects.composed import LAWS
+from rosette_ros.core.run.errors import InvalidData, counted
 from rosette_ros.core.run.records import Run
 from rosette_ros.core.sight.visibility import GOOD_SHARE, visibility
 from rosette_ros.core.uncertainty.hidden_effects import at_ball, kind_of, size_per_rms
@@ -36,68 +35,24 @@ VIEWS: Mapping[str, str] = {
                   f'{", ".join(f"unnest({name}) AS {name}" for name in _DEVIATIONS)} FROM runs'}
 """Besides `runs`, in SQL: a row for each parameter of an effect, each angle of the curves, each ball and CMM position.
 """
-_MODEL = ("coalesce(nullif(array_to_string([e.effect for e in effects if e.in_model], ' + '), ''), 'base') || ' (' || "
-          "left(model_hash, 12) || ')'")
-SERIAL = {'table': 'table_serial', 'plate': 'plate_serial', 'cmm': 'cmm_serial', 'cell': 'cell', 'place': 'place',
-          'level': 'level'}
-"""What a ready question may ask for: word, and its column."""
 _ROWS = '''SELECT path, run_id, effects FROM runs WHERE problem = '' AND table_serial = ? AND missing IS NOT NULL
+    QUALIFY row_number() OVER (PARTITION BY log_sha256, run_id ORDER BY added_at DESC) = 1
+    ORDER BY measured_at, path, run_id'''
+_ASKED = '''SELECT path, run_id FROM runs WHERE {}
     QUALIFY row_number() OVER (PARTITION BY log_sha256, run_id ORDER BY added_at DESC) = 1
     ORDER BY measured_at, path, run_id'''
 
 
-@dataclass(frozen=True)
-class Question:
-    """A ready question. equal: values by the word, of SERIAL; since, until: days or times in ISO 8601, UTC; effect: in
-    the model or named by the diagnosis, with its parameters; problems: logs without an evaluation; model: hash of the
-    model, or its beginning."""
+def runs_asked_for(archive: RunArchive, question: Question) -> list[tuple[str, str]]:
+    """Return path and run_id of each run that a question asks for, under whichever model, the earliest first.
 
-    equal: Mapping[str, str]
-    since: str = ''
-    until: str = ''
-    effect: str = ''
-    problems: bool = False
-    model: str = ''
-
-    def condition(self) -> tuple[str, list[Any]]:
-        """Return the condition in SQL on `runs` and its values; raises InvalidData and InvalidModel (see `ask_for`)."""
-        if (level := self.equal.get('level')) and level not in set(Level):
-            raise InvalidData(unknown_name('level', level, tuple(map(str, Level))))
-        parts, values = [f"problem {'<>' if self.problems else '='} ''"], list[Any]()
-        for word, value in self.equal.items():
-            parts, values = [*parts, f'{SERIAL[word]} = ?'], [*values, value]
-        for value, sign in ((self.since, '>='), (self.until, '<')):
-            if value:
-                parts, values = [*parts, f'measured_at {sign} ?'], [*values, _time(value)]
-        if self.model:
-            parts, values = [*parts, 'starts_with(model_hash, ?)'], [*values, self.model]
-        if self.effect:
-            effect(self.effect)
-            parts.append('(list_contains(missing, ?) OR list_contains([e.effect for e in effects], ?))')
-            values += [self.effect] * 2
-        return ' AND '.join(parts), values
-
-    def sql(self) -> tuple[str, list[Any]]:
-        """Return the question in SQL and its values."""
-        condition, values = self.condition()
-        if self.problems:
-            return f'SELECT path, problem FROM runs WHERE {condition} ORDER BY path', values
-        shown = ('measured_at, table_serial AS "table", cell, run_id AS run, n, 1e6 * rms_m AS rms_um, outcome, '
-                 f"array_to_string(missing, ' + ') AS lacks, {_MODEL} AS model")
-        if self.effect:
-            shown += (", list_transform(flatten([e.parameters for e in effects if e.effect = ?]), lambda p: "
-                      "format('{} = {:.4g}, U = {:.2g} {}', p.name, p.value, p.U, p.unit)) AS parameters")
-            values = [self.effect, *values]
-        return (f'SELECT {shown} FROM runs WHERE {condition} '
-                'ORDER BY table_serial, measured_at, run_id', values)
-
-
-def _time(text: str) -> datetime.datetime:
-    try:
-        found = datetime.datetime.fromisoformat(text)
-    except ValueError as error:
-        raise InvalidData(f'expected a day or a time such as 2026-04-12, found {text!r:.40}') from error
-    return found if found.tzinfo else found.replace(tzinfo=datetime.UTC)
+    Raises as `ask_for`, and InvalidData where there is none."""
+    condition, values = question.condition()
+    rows = archive.query(_ASKED.format(condition), values).to_pylist()
+    if not rows:
+        raise InvalidData(f'{archive.folder}: expected runs that are asked for, found none; rosette archive query '
+                          f'{archive.folder} lists all')
+    return [(row['path'], row['run_id']) for row in rows]
 
 
 def ask(archive: RunArchive, sql: str) -> pa.Table:

@@ -193,7 +193,7 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
 
 def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certificate:
     opened = [open_with_files(path, inputs.run_id, inputs.columns) for path in paths]
-    logged, contradictions = joint_identity(paths, inputs.run_id)
+    logged, contradictions = joint_identity([(path, inputs.run_id) for path in paths])
     identity, changed = logged.with_changes(inputs.identity)
     runs = [Measured(readings.name, (('Run', joint_head(readings)),), None, np.array([]), readings.simulated)
             if has_plate(path) else _measured(*open_source(path, inputs.run_id, columns_of=inputs.columns))

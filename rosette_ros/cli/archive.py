@@ -7,6 +7,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from typing import Any
 
 import pyarrow as pa
@@ -14,16 +15,18 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from rosette_ros.archive import reanalysis
-from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for, environment_of_cell
+from rosette_ros.archive.archive_questions import VIEWS, ask, ask_for, environment_of_cell
 from rosette_ros.archive.plant import plant_json, plant_of, plant_table
 from rosette_ros.archive.reanalysis import RunChange, TrendComparison
 from rosette_ros.archive.run_adding import Added, Engine, add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive, local_folder
+from rosette_ros.archive.run_question import Question
 from rosette_ros.archive.run_row import COLUMNS
 from rosette_ros.archive.stored_causes import experience_of_cell
 from rosette_ros.archive.table_history import History, TableTrend, read_history, trend_of
 from rosette_ros.cli.arguments import UsageError, add_formats, add_shared, load, made_folder, whole
 from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.cli.questions import add_question, question_of
 from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.run.errors import counted
 from rosette_ros.core.run.records import CURVES
@@ -132,13 +135,7 @@ def query_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'archive')
     parser.add_argument('sql', metavar='SQL', nargs='?', default='', help='a question in SQL (DuckDB) over the views '
                         f'runs, {", ".join(VIEWS)}; in place of the questions below')
-    for word, name in SERIAL.items():
-        parser.add_argument(f'--{word}', metavar='SERIAL' if name.endswith('serial') else 'NAME', default='',
-                            help=f'runs of this {word}{" (good, doubtful, bad)" if word == "level" else ""}')
-    parser.add_argument('--since', metavar='TIME', default='', help='measured then or later, such as 2026-04-12')
-    parser.add_argument('--until', metavar='TIME', default='', help='measured before this time')
-    parser.add_argument('--effect', metavar='NAME', default='', help='with this effect in the model or named by the '
-                        'diagnosis')
+    add_question(parser)
     parser.add_argument('--model', metavar='HASH', default='', help='evaluated under the model of this hash, or its '
                         'beginning (default: under any)')
     parser.add_argument('--problems', action='store_true', help='logs that could not be evaluated, and why')
@@ -149,9 +146,7 @@ def query_arguments(parser: ArgumentParser) -> None:
 def run_query(options: Namespace) -> None:
     """Print the answer."""
     archive = RunArchive(options.archive)
-    equal = {word: vars(options)[word] for word in SERIAL if vars(options)[word]}
-    wanted = Question(equal, options.since, options.until, options.effect, options.problems,
-                      options.model)
+    wanted = replace(question_of(options), problems=options.problems, model=options.model)
     if options.sql and wanted != Question({}):
         raise UsageError('archive query: expected SQL or a ready question, found both; put all into the SQL')
     if options.columns:

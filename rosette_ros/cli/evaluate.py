@@ -36,7 +36,7 @@ from rosette_ros.cli.console import (
     say,
     warn,
 )
-from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint
+from rosette_ros.cli.opened import Opened, add_archived, add_joint, every_run, is_joint, joint, take_archived
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
@@ -78,7 +78,8 @@ NEW_MODEL = 'model.yaml'
 
 def evaluate_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', nargs='+')
+    add_shared(parser, 'run_path', nargs='*')
+    add_archived(parser)
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
     add_shared(parser, '--identity', '--refit-spheres', '--inputs', '--environment', '--experience', '--any-cell',
@@ -102,6 +103,7 @@ def run_evaluate(options: Namespace) -> int:
     where = [1e-3 * one for one in options.test_spheres or ()]
     for path in filter(None, (options.xlsx, options.dfq, options.qif)):
         refuse_output(path, options.force)
+    take_archived(options)
     if is_joint(options):
         for name in ('dfq', 'qif'):
             if getattr(options, name):
@@ -179,8 +181,9 @@ def show_joint(options: Namespace, made: JointEvaluation) -> None:
 
 def diagnose_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', nargs='+', help='log directory, .mcap file or ball-centre table (CSV); several runs '
+    add_shared(parser, 'run_path', nargs='*', help='log directory, .mcap file or ball-centre table (CSV); several runs '
                'of one cell are diagnosed together')
+    add_archived(parser)
     add_shared(parser, '--columns', '--model', '--experience', '--any-cell', '--angle-unit')
     parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
                         'identified in RUN confirmed there?')
@@ -189,6 +192,7 @@ def diagnose_arguments(parser: ArgumentParser) -> None:
 
 def run_diagnose(options: Namespace) -> None:
     """Print the diagnosis."""
+    take_archived(options)
     if len(options.run_path) > 1:
         show_cell(options)
         return
@@ -216,7 +220,7 @@ def show_cell(options: Namespace) -> None:
         if vars(options)[name]:
             raise UsageError(f'diagnose: expected one RUN with --{name}, found several, which say it together; leave '
                              'one of both out')
-    every = [read(path, options.columns) for path in options.run_path]
+    every = every_run(options)
     with doing('diagnosing', len(every)) as step:
         found = diagnosed_cell(every, model_of(options.model), step)
     if options.json:

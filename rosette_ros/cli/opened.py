@@ -6,10 +6,13 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from rosette_ros.api.archived_runs import places_asked_for
 from rosette_ros.api.evaluating import JointEvaluation, evaluated_jointly
-from rosette_ros.api.measurement import JudgedRun, read
+from rosette_ros.api.measurement import JudgedRun, Measurement, read
+from rosette_ros.archive.run_question import Question
 from rosette_ros.cli.arguments import UsageError
 from rosette_ros.cli.console import doing, head, print_verdict, warn
+from rosette_ros.cli.questions import add_question, question_of
 from rosette_ros.io.open_run import has_plate
 from rosette_ros.words.verdict_words import verdict_text
 
@@ -34,6 +37,35 @@ class Opened(JudgedRun):
             print_verdict(out, verdict_text(self.verdict))
         else:
             warn(self.run)
+
+
+def add_archived(parser: ArgumentParser) -> None:
+    """Add --archive, and what the archive is asked for."""
+    group = parser.add_argument_group('runs of an archive, with RUN or in its place')
+    group.add_argument('--archive', metavar='ARCHIVE', help='take the runs of an archive that are asked for: all that '
+                       'these options leave, as of archive query; their logs are read where they were found')
+    add_question(group)
+
+
+def take_archived(options: Namespace) -> None:
+    """Take the runs of the archive to those of the options; raises UsageError where there is none of either."""
+    asked = question_of(options)
+    if options.archive is None and asked != Question({}):
+        raise UsageError('expected --archive ARCHIVE with what an archive is asked for, found none')
+    if options.archive is None and not options.run_path:
+        raise UsageError('expected RUN or --archive ARCHIVE, found neither')
+    given = vars(options).get('run_id')
+    found = places_asked_for(options.archive, asked) if options.archive else []
+    options.run_ids = [*[given] * len(options.run_path), *(run_id or None for _, run_id in found)]
+    options.run_path = [*options.run_path, *(path for path, _ in found)]
+    if len(options.run_path) == 1:
+        options.run_id = options.run_ids[0]
+
+
+def every_run(options: Namespace) -> list[Measurement]:
+    """Return the runs of the options, those of the archive among them."""
+    columns = vars(options).get('columns')
+    return [read(path, columns, run_id) for path, run_id in zip(options.run_path, options.run_ids, strict=True)]
 
 
 def add_joint(parser: ArgumentParser) -> None:
@@ -65,5 +97,5 @@ def is_joint(options: Namespace) -> bool:
 
 def joint(options: Namespace, where: Sequence[float] = ()) -> JointEvaluation:
     """Return the joint evaluation of the runs of the options; where: as of `evaluated_jointly`."""
-    every = [read(path, vars(options).get('columns'), options.run_id) for path in options.run_path]
-    return evaluated_jointly(every, options.inputs, options.environment, options.share, options.identity, where)
+    return evaluated_jointly(every_run(options), options.inputs, options.environment, options.share, options.identity,
+                             where)

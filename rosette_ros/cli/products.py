@@ -13,7 +13,7 @@ from rosette_ros.api.correction_targets import STEPS, TURN, correction_file, is_
 from rosette_ros.api.evaluating import Corrected, budgeted, corrected, corrected_jointly
 from rosette_ros.cli.arguments import UsageError, add_shared, number, picture_file, plots, positive, whole
 from rosette_ros.cli.console import COLOURS, console, doing, head, print_json, print_parts, print_verdict, warn
-from rosette_ros.cli.opened import Opened, add_joint, is_joint, joint
+from rosette_ros.cli.opened import Opened, add_archived, add_joint, is_joint, joint, take_archived
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.run.records import CURVES
 from rosette_ros.core.table.correction_check import backward_share, check_correction
@@ -38,7 +38,8 @@ MOST_LINES, MOST_RANGE = 100_000, 36_000
 
 def correct_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', nargs='+')
+    add_shared(parser, 'run_path', nargs='*')
+    add_archived(parser)
     add_shared(parser, '--run-id', '--columns', '--model')
     add_joint(parser)
     add_shared(parser, '--identity', '--inputs', '--environment', '--angle-unit')
@@ -121,8 +122,9 @@ def run_correct(options: Namespace) -> None:
 
 def _correction(options: Namespace, curves: tuple[str, ...]) -> Corrected:
     """Return the correction from the runs of the options."""
+    take_archived(options)
     if is_joint(options):
-        identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
+        identity = joint_identity(list(zip(options.run_path, options.run_ids)), options.identity)[0]
         return corrected_jointly(joint(options).result, identity['table.serial'], curves)
     return corrected(Opened(options, options.run_path[0]), curves)
 

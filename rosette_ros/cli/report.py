@@ -11,10 +11,9 @@ from rich.markup import escape
 
 from rosette_ros.analysis import STEPS
 from rosette_ros.api.documents import ReportPage, joint_page, run_page, verification_page
-from rosette_ros.api.measurement import read
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, doing, head, print_verdict
-from rosette_ros.cli.opened import Opened, add_joint, is_joint
+from rosette_ros.cli.opened import Opened, add_archived, add_joint, every_run, is_joint, take_archived
 from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.csv_parser import read_columns
@@ -30,6 +29,7 @@ LONGEST_NAME = 50
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='*')
+    add_archived(parser)
     add_shared(parser, '--run-id', '--columns', '--model', '--identity')
     parser.add_argument('-o', '--output', metavar='FILE',
                         help='the page (HTML) to write; by default named after RUN, in this folder')
@@ -55,14 +55,16 @@ def run(options: Namespace) -> None:
         raise InvalidData('report: --maker goes with --compare only; leave it out')
     if options.format and not options.figures:
         raise InvalidData('report: --format goes with --figures only; leave it out')
-    if bool(options.run_path) == bool(options.compare):
+    if bool(options.run_path or options.archive) == bool(options.compare):
         raise InvalidData('report: expected either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
     for name in ('inputs', 'environment', 'run_id', 'overlay', 'joint', 'share', 'identity', 'refit_spheres'):
         if options.compare and getattr(options, name):
             raise InvalidData(f'report: --{name.replace("_", "-")} does not go with --compare; leave it out')
     if options.compare:
         compare_runs(options)
-    elif is_joint(options):
+        return
+    take_archived(options)
+    if is_joint(options):
         report_jointly(options)
     else:
         report_run(options, options.run_path[0])
@@ -73,9 +75,8 @@ def report_jointly(options: Namespace) -> None:
     if options.overlay:
         raise InvalidData('report: --overlay does not go with --joint; leave it out')
     path = output_of(options, 'joint')
-    every = [read(one, options.columns, options.run_id) for one in options.run_path]
-    page = joint_page(every, options.inputs, options.environment, options.share, options.identity, options.annex,
-                      options.command_line, doing)
+    page = joint_page(every_run(options), options.inputs, options.environment, options.share, options.identity,
+                      options.annex, options.command_line, doing)
     write(options, page, path)
 
 

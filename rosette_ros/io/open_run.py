@@ -87,13 +87,14 @@ def open_readings(path: str | Path, run_id: str | None = None, columns_of: Colum
     return Readings.of(run, log.frame_of(run.run_id) if log else None)
 
 
-def joint_identity(paths: Sequence[str | Path], run_id: str | None = None, file: str | Path | None = None) -> tuple[
+def joint_identity(runs: Sequence[tuple[str | Path, str | None]], file: str | Path | None = None) -> tuple[
         Identity, tuple[str, ...]]:
-    """Return what the logs of several runs and a file state together, and contradictions in words.
+    """Return what the logs of several runs, each with its run_id, and a file state together, and contradictions in
+    words.
 
     Where two logs differ the first one counts, and the others contradict it."""
     logged, contradictions = Identity(), list[str]()
-    for path in paths:
+    for path, run_id in runs:
         if is_log(path):
             log = read_log(path)
             found = log.identity(log.run(run_id).run_id)

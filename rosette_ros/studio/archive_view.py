@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.archive.archive_questions import Question
 from rosette_ros.archive.plant import LEVELS, plant_of, plant_table
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_question import Question
 from rosette_ros.archive.run_row import decided_by
 from rosette_ros.archive.stored_causes import causes_of_text
 from rosette_ros.archive.table_history import TableTrend, limits_of, read_history, trend_of

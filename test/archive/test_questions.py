@@ -10,7 +10,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from rosette_ros.archive.archive_questions import Question, ask, ask_for
+from rosette_ros.archive.archive_questions import ask, ask_for
 from rosette_ros.archive.reanalysis import (
     conclusion,
     logs_of,
@@ -20,6 +20,7 @@ from rosette_ros.archive.reanalysis import (
     trends_side_by_side,
 )
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_question import Question
 from rosette_ros.archive.run_row import SCHEMA, heading
 from rosette_ros.cli.main import main
 from rosette_ros.core.model.model import Model

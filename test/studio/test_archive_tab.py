@@ -8,9 +8,9 @@ import pytest
 from plain_loop import PlainLoop
 from playwright.sync_api import expect
 
-from rosette_ros.archive.archive_questions import Question
 from rosette_ros.archive.run_adding import add_logs, find_logs
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_question import Question
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.geometry import nominal_angles
 from rosette_ros.core.run.records import ErrorMotions

@@ -108,7 +108,7 @@ class ArchivePanel:
             return
         try:
             view, questions = map(importlib.import_module, (
-                'rosette_ros.studio.archive_view', 'rosette_ros.archive.archive_questions'))
+                'rosette_ros.studio.archive_view', 'rosette_ros.archive.run_question'))
         except ImportError as error:
             self._fail(InvalidData(f'archive: {missing_words(error.name or "duckdb")}'))
             return
