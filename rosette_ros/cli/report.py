@@ -11,6 +11,7 @@ from rich.markup import escape
 
 from rosette_ros.analysis import STEPS
 from rosette_ros.api.documents import ReportPage, joint_page, run_page, verification_page
+from rosette_ros.api.measurement import read
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, doing, head, print_verdict
 from rosette_ros.cli.opened import Opened, add_archived, add_joint, every_run, is_joint, take_archived

@@ -207,6 +207,8 @@ def test_runs_that_do_not_belong_together_are_refused():
         refuse_unlike([('a', run)])
     with pytest.raises(InvalidData, match='a and b: expected different runs, found the same ball centres'):
         refuse_unlike([('a', run), ('b', run)])
+    with pytest.raises(InvalidData, match='begun and b: expected different runs, found the same ball centres'):
+        refuse_unlike([('begun', run.take(list(range(30)))), ('b', run)])
     with pytest.raises(InvalidData, match='b: expected coordinates in the unit of a, found a plate whose radius'):
         refuse_unlike([('a', run), ('b', run.replace(centre=1e3 * run.centre, radius=1e3 * run.radius))])
     with pytest.raises(InvalidData, match='expected runs of a table about one axis'):

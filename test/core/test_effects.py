@@ -318,3 +318,11 @@ def test_every_amplitude_has_a_prior_variance():
         if number.isdigit():
             own = run.ball == int(number)
             assert not functions[:, ~own].any() and np.abs(functions.sum(axis=1)).max() < 1e-12
+
+
+@pytest.mark.parametrize(('name', 'constants'), [
+    ('frame_warmup', ['tau']), ('frame_cycle', ['period']), ('plate_warp', ['order']), ('probe_approach', ['lobes']),
+    ('plate_slip', []), ('frame_recovery', []), ('ball_slip', [])])
+def test_constants_are_what_a_machine_has_in_each_run(name, constants):
+    """Time constants, periods and harmonics; no axes, moments and phases, and nothing of an event."""
+    assert [one.name for one in LAWS[name].constants] == constants

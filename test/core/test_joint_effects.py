@@ -10,6 +10,7 @@ from benchmarks.bench_joint import drawn_runs, hidden_in, hidden_run, joined
 from benchmarks.blind.runs import SIGMA, Plan, situation, visible_part
 from rosette_ros.analysis import find
 from rosette_ros.core.joint.conclusion import JointOutcome, conclude
+from rosette_ros.core.joint.explained_runs import visible_of
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.joint.knowledge import JointRemark
 from rosette_ros.core.joint.readings import Readings
@@ -140,3 +141,13 @@ def test_an_environment_adds_what_the_orders_hide():
     ((_, plain),), ((_, wide),) = together().curves, result.curves
     assert np.mean(wide.u / plain.u) > 1
     assert result.unseen is not None and result.unseen.whole > result.unseen.alone
+
+
+def test_a_hypothesis_of_which_too_little_is_seen_keeps_its_prior():
+    """Its probability less what the run alone says of its effects; these leave the solution."""
+    beside = together().solution.beside
+    seen = visible_of(beside, lambda place, rows: 0.0, 0.05)
+    for run, before in zip(seen.runs, beside.runs, strict=True):
+        for one, whole in zip(run.hypotheses, before.hypotheses, strict=True):
+            assert not one.effects and one.probability == whole.probability
+            assert one.log_bf(SIGMA) == whole.log_bf(SIGMA)

@@ -23,7 +23,8 @@ from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE, Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.run.errors import InvalidData
-from rosette_ros.core.run.records import SAME_READING, SAME_SHARE, UNLIKELY, Floats, Run
+from rosette_ros.core.run.records import UNLIKELY, Floats, Run
+from rosette_ros.core.run.same_readings import in_common, is_once_more
 from rosette_ros.core.sight.bank import CauseFamily, columns_of, sensitivity
 from rosette_ros.core.sight.visibility import DETECTABLE
 
@@ -92,13 +93,11 @@ class CrossCheck:
 
 def refuse_same(run: Run, searched: Run) -> None:
     """Raise InvalidData where a run has the readings of the searched one, under whatever name."""
-    cells, here, there = np.intersect1d(run.cells, searched.cells, return_indices=True)
-    apart = np.abs(run.centre[here] - searched.centre[there]).max(axis=1, initial=0)
-    same = int(np.count_nonzero(apart < SAME_READING))
-    if run.n == searched.n and cells.size and same >= SAME_SHARE * cells.size:
-        raise InvalidData(f'{run.source}: expected another run as a check, found {same} of {cells.size} readings that '
-                          'are '
-                          f'those of {searched.source}, in which the effects were found; measure again')
+    here, there = (one.centre[np.argsort(one.cells, kind='stable')] for one in (run, searched))
+    if is_once_more(here, there):
+        raise InvalidData(f'{run.source}: expected another run as a check, found {in_common(here, there)} of '
+                          f'{min(run.size, searched.size)} readings that are those of {searched.source}, in which the '
+                          'effects were found; measure again')
 
 
 def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:

@@ -276,6 +276,14 @@ class Effect(_ByValue):
     variables: tuple[str, ...] = ()
     body: str = ''
 
+    @property
+    def constants(self) -> tuple[Searched, ...]:
+        """What is searched and a constant of the machine, the same in each of its runs: time constants, periods,
+        numbers of balls and harmonics; no moments and phases, none of an event."""
+        if self.carries == 'nothing':
+            return ()
+        return tuple(one for one in self.searched if one.unit and (one.kind == 'scale' or one.unit not in ('s', 'rad')))
+
     def can_be_in(self, run: Run) -> bool:
         """Return whether the cell of a run can have the effect at all."""
         return not self.needs_tilt or tilt(run.rotation) > UPRIGHT

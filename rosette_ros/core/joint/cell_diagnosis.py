@@ -27,7 +27,8 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.axes import refuse_other_axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
-from rosette_ros.core.run.records import SAME_READING, UNLIKELY, Floats, Run
+from rosette_ros.core.run.records import UNLIKELY, Floats, Run
+from rosette_ros.core.run.same_readings import is_once_more
 from rosette_ros.core.sight.bank import why_not_judged
 
 LIKELY = 0.5
@@ -175,8 +176,7 @@ def refuse_unlike(runs: Sequence[tuple[str, Run]]) -> None:
             raise InvalidData(f'{name}: expected coordinates in the unit of {first}, found a plate whose radius '
                               f'differs by a factor of {ratio:.0f}, as where one is in another unit; import it anew')
         for before, earlier in runs[:place]:
-            there, here = earlier.centre, other.centre
-            if there.shape == here.shape and np.abs(there - here).max() < SAME_READING:
+            if is_once_more(earlier.centre, other.centre):
                 raise InvalidData(f'{before} and {name}: expected different runs, found the same ball centres in both; '
                                   'leave one out')
 

@@ -55,8 +55,9 @@ class JointEffect:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """An explanation of a run: its probability, its effects, and what the run alone says of them: gram (q, q), products
-    of their columns in what the base model leaves, told (q,), with the readings, and their size R (q, q)."""
+    """An explanation of a run: its probability, its effects, and what the run alone says of those by which it has that
+    probability: gram (q, q), products of their columns in what the base model leaves, told (q,), with the readings, and
+    their size R (q, q)."""
 
     probability: float = 1.0
     effects: tuple[JointEffect, ...] = ()
@@ -65,7 +66,8 @@ class Hypothesis:
     size: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def log_bf(self, sigma: float) -> float:
-        """Return what its effects are worth in the run alone, ln BF; sigma: of the noise, m."""
+        """Return what the effects by which it has its probability are worth in the run alone, ln BF; sigma: of the
+        noise, m. The probability less that is its prior."""
         return log_bf_of(self.gram, self.told, self.size, sigma)
 
 
@@ -262,12 +264,6 @@ def _places_of(search: RunSearch, fitted: Fit) -> list[Place]:
     raise ValueError('expected a fit of an explanation, found another one')
 
 
-def _constants_of(effect: Effect, setting: Setting) -> list[str]:
-    """Return the names of the constants of a law of the machine: time constants, periods, of what is no event."""
-    return [one.name for one in effect.searched
-            if effect.carries != 'nothing' and one.kind == 'scale' and one.name in setting]
-
-
 def _law(effect: Effect, setting: Setting) -> tuple[str, frozenset[tuple[str, object]]]:
     """Return by what the law of an effect is known in several runs: its name and its choices."""
     return effect.name, frozenset((one.name, setting[one.name]) for one in effect.searched
@@ -284,7 +280,8 @@ def _constants(found: Sequence[_Explained]) -> Constants:
     for run in found:
         met = set[Hashable]()
         for term, effect in zip(run.likeliest.model.terms, run.likeliest.effects, strict=True):
-            law, names = _law(term.effect, effect.setting), _constants_of(term.effect, effect.setting)
+            law = _law(term.effect, effect.setting)
+            names = [one.name for one in term.effect.constants if one.kind == 'scale' and one.name in effect.setting]
             if names and law not in met:
                 by.setdefault(law, []).append({one.name: (one.value, one.u) for one in effect.parameters
                                                if one.name in names})
@@ -354,7 +351,9 @@ def log_bf_of(gram: Floats, told: Floats, size: Floats, sigma: float) -> float:
 
 def visible_of(beside: BesideBase, share: Callable[[int, Floats], float], least: float) -> BesideBase:
     """Return the same without the effects of which the readings of all runs show too little; share: of the columns
-    (q, 3 N) of the run at a place what they show; least: from which on that is enough."""
+    (q, 3 N) of the run at a place what they show; least: from which on that is enough.
+
+    A hypothesis keeps its probability, and what the run alone says of all its effects: its prior is that of all."""
     runs = []
     for place, run in enumerate(beside.runs):
         kept = [replace(one, effects=tuple(effect for effect in one.effects

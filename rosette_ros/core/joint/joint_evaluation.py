@@ -21,8 +21,9 @@ from rosette_ros.core.model.least_squares import HIDDEN_SHARE, FittedEffect, Sig
 from rosette_ros.core.run import axes
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Frame
-from rosette_ros.core.run.records import CURVES, EXACT, SAME_READING, SAME_SHARE, UNLIKELY, ErrorMotions
+from rosette_ros.core.run.records import CURVES, EXACT, UNLIKELY, ErrorMotions
 from rosette_ros.core.run.remarks import Remark, remark
+from rosette_ros.core.run.same_readings import in_common, is_once_more
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.hidden_effects import MATTERS, hidden_covariance
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Environment, Unseen
@@ -277,16 +278,13 @@ def _refuse_twice(runs: Sequence[Readings]) -> None:
         for other in runs[:place]:
             short, long = (run, other) if run.size < other.size else (other, run)
             there = long.seen_from(short.frame) if short.frame and long.frame else long
-            apart, nearest = scipy.spatial.cKDTree(there.centre).query(short.centre, p=np.inf)
-            rows = np.asarray(nearest)[apart < SAME_READING]
-            same = int(rows.size and 1 + np.count_nonzero(np.diff(rows) > 0))  # in the same order, too
-            if same == run.size == other.size:
+            if not is_once_more(short.centre, there.centre):
+                continue
+            if (same := in_common(short.centre, there.centre)) == run.size == other.size:
                 raise InvalidData(f'{other.source} and {run.source}: expected different runs, found the same ball '
-                                  'centres '
-                                  'in both; leave one out')
-            if same >= SAME_SHARE * short.size:
-                raise InvalidData(f'{short.source}: expected another run than {long.source}, found {same} of its '
-                                  f'{short.size} ball centres there, too, as where a run was resumed; leave it out')
+                                  'centres in both; leave one out')
+            raise InvalidData(f'{short.source}: expected another run than {long.source}, found {same} of its '
+                              f'{short.size} ball centres there, too, as where a run was resumed; leave it out')
 
 
 def _refuse_unlike_plates(runs: Sequence[Readings], sharing: Sharing) -> None:

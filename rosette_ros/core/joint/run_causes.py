@@ -16,7 +16,6 @@ from rosette_ros.core.diagnosis.log_evidence import State, log_mean
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.effects.composed import LAWS
-from rosette_ros.core.effects.effect import Searched
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
 from rosette_ros.core.sight.bank import CauseFamily, columns_of
@@ -108,11 +107,6 @@ class RunCauses:
         return dict(zip(self.alone, (p / (1 - p) / np.exp(list(self.log_prior.values()))).tolist()))
 
 
-def is_constant(one: Searched) -> bool:
-    """Return whether a searched parameter is a constant of the machine: a number, but no moment and no phase."""
-    return bool(one.unit) and (one.kind == 'scale' or one.unit not in ('s', 'rad'))
-
-
 def causes_in(search: RunSearch) -> RunCauses:
     """Return what a run says of causes by itself: experience of the cell adds nothing, so that no run teaches again
     what earlier ones have taught."""
@@ -182,10 +176,9 @@ def _shape(posterior: Posterior, key: Key, family: CauseFamily) -> CauseShape | 
     line, left = rest.line(rows), rest.extended(rows)[0]
     noise = evidence.scale * math.sqrt(max(float(left @ left), evidence.least) / evidence.dof)
     constants: dict[str, tuple[tuple[float, ...], Floats]] = {}
-    searched = [one for one in family.effect.searched if is_constant(one)]
-    if searched and not family.is_free and family.effect.carries != 'nothing':
+    if family.effect.constants and not family.is_free:
         worth = rest.worth_of(family)
-        for one in searched:
+        for one in family.effect.constants:
             groups: dict[float, list[float]] = {}
             for setting, value in zip(family.settings, worth.tolist()):
                 if one.name in setting:

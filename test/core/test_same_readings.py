@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One rule of what is the same run, for several runs as one, for those of a cell and for a second run."""
+
+import numpy as np
+
+from rosette_ros.core.run.same_readings import in_common, is_once_more
+
+CENTRES = np.random.default_rng(1).uniform(-0.2, 0.2, (36, 3))
+
+
+def test_a_run_and_a_part_of_it_are_one_run():
+    """To 1 nm, whichever is given first; a tenth may differ, as where a few were measured anew."""
+    assert in_common(CENTRES, CENTRES + 1e-10) == 36
+    assert in_common(CENTRES[:20], CENTRES) == in_common(CENTRES, CENTRES[:20]) == 20
+    assert is_once_more(CENTRES, CENTRES) and is_once_more(CENTRES[5:30], CENTRES)
+    few = CENTRES.copy()
+    few[:3] += 1e-7
+    assert in_common(few, CENTRES) == 33 and is_once_more(few, CENTRES)
+
+
+def test_another_run_is_not():
+    """Its noise differs, or the order of what is equal."""
+    noise = np.random.default_rng(2).normal(0, 1e-7, CENTRES.shape)
+    assert in_common(CENTRES, CENTRES + noise) == 0 and not is_once_more(CENTRES, CENTRES + noise)
+    assert not is_once_more(CENTRES, CENTRES[np.random.default_rng(3).permutation(36)])
