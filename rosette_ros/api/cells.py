@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from rosette_ros.analysis import MOST_BALLS_ADVISED, advise_run
+from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, advise_run
 from rosette_ros.api.measurement import Measurement
 from rosette_ros.api.result import Result
 from rosette_ros.core.joint.cell_diagnosis import CellCause, CellDiagnosis, diagnose_cell, refuse_unlike, searched
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.run.errors import InvalidData
+from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.records import Run
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.presentation.cell_results import cell_causes, cell_json, cell_runs
@@ -69,6 +69,17 @@ def diagnosed_cell(every: Sequence[Measurement], model: Model,
         runs.append(searched(one.name, one.run, model, conditions_of(one.run, one.identity)))
         step('', 1)
     return CellDiagnosed(diagnose_cell(runs), every[0].run)
+
+
+def cell_of(every: Sequence[Measurement]) -> CellDiagnosis | None:
+    """Return what runs say of their cell under the base model; None where they are not runs of one cell that are
+    diagnosed unasked."""
+    if any(one.has_plate or one.run.n > MOST_BALLS_JUDGED for one in every):
+        return None
+    try:
+        return diagnosed_cell(every, Model()).found
+    except (InvalidData, NotDeterminable):
+        return None
 
 
 def conditions_of(run: Run, identity: Identity) -> Mapping[str, float]:

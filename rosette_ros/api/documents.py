@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosette_ros.analysis import curves_over, summarise
 from rosette_ros.analysis import result as result_of_run
+from rosette_ros.api.cells import cell_of
 from rosette_ros.api.evaluating import joint_result
 from rosette_ros.api.measurement import Doing, Measurement, model_of, read, several, stated_inputs
 from rosette_ros.api.result import loaded, plots
@@ -108,9 +109,11 @@ def joint_page(every: Sequence[Measurement], inputs: Stated = None, environment:
     known, contradictions = joint_identity([(one.path, one.run_id) for one in every if one.path], identity)
     files = [file for one in every if one.path for file in page.files_of(one.path, one.readings)]
     files += [origins.digest(one) for one in (share, identity, inputs) if isinstance(one, str | Path)]
-    pictures = page.joint_pictures(result)
-    html = page.joint_html(result, files, command, pictures, known, contradictions, annex)
-    return ReportPage(html, conclusion_text(conclude(result)), pictures, page.joint_tables(result, known))
+    with doing('diagnosing'):
+        cell = cell_of(every)
+    pictures = page.joint_pictures(result, cell)
+    html = page.joint_html(result, files, command, pictures, known, contradictions, annex, cell)
+    return ReportPage(html, conclusion_text(conclude(result)), pictures, page.joint_tables(result, known, cell))
 
 
 def verification_page(paths: Sequence[str | Path], maker: str | Path | None = None, model: ModelLike = None,

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What several runs say of their cell: tables and JSON."""
+"""What several runs say of their cell: tables, causes against runs, JSON."""
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from rosette_ros.core.joint.cell_diagnosis import CauseInRun, CellCause, CellDiagnosis
 from rosette_ros.core.run.number_words import micrometres
@@ -15,6 +16,40 @@ from rosette_ros.words.verdict_words import chance
 CELL = 'rosette-cell-diagnosis/1'
 KINDS = ('property', 'once', 'possible')
 """Of a cause: comes again, was there in single runs, may be a property."""
+
+
+LEAST_SHOWN = 0.02
+"""Probability from which on a cause has a dot in a run."""
+
+
+@dataclass(frozen=True)
+class CauseDot:
+    """A cause in a run, by their places: its probability; size and standard uncertainty, m rms, None and NaN where it
+    has none there."""
+
+    cause: int
+    run: int
+    probability: float
+    size: float | None = None
+    u: float = math.nan
+
+
+@dataclass(frozen=True)
+class CausesOfRuns:
+    """Causes against runs: causes in words, names of the runs, dots."""
+
+    causes: tuple[str, ...]
+    runs: tuple[str, ...]
+    dots: tuple[CauseDot, ...]
+
+
+def causes_of_runs(found: CellDiagnosis) -> CausesOfRuns:
+    """Return the causes of a cell against its runs, with what all runs say together."""
+    causes = [one for _, one in every_cause(found)]
+    return CausesOfRuns(tuple(law_words(one.name) for one in causes), found.runs, tuple(
+        CauseDot(place, run, each.p, None if math.isnan(each.size) else each.size, each.u)
+        for place, one in enumerate(causes) for run, each in enumerate(one.in_runs)
+        if each.judged and each.p >= LEAST_SHOWN))
 
 
 def every_cause(found: CellDiagnosis) -> list[tuple[str, CellCause]]:

@@ -19,6 +19,7 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import CURVES, ErrorMotions
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.error_summary import difference, worst_of
+from rosette_ros.presentation.cell_results import LEAST_SHOWN, CauseDot, CausesOfRuns
 from rosette_ros.presentation.formatting import curve_scales
 from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.presentation.report.page_parts import inline_svgs
@@ -26,8 +27,8 @@ from rosette_ros.presentation.table_format import Table
 from rosette_ros.words.effect_words import decimals, plain_name
 from rosette_ros.words.verdict_words import member_words
 
-MOST_CAUSES, LEAST_SHOWN, EVEN = 20, 0.02, 0.5
-"""Causes that are shown against runs, their least probability there, and that which one of the runs exceeds."""
+MOST_CAUSES, EVEN = 20, 0.5
+"""Causes that are shown against runs, and the probability that one of the runs exceeds."""
 MOST_LISTED = 1000
 """Runs that are listed, the newest ones."""
 _KEY = "concat(log_sha256, ' ', run_id)"
@@ -76,28 +77,9 @@ def _line(row: dict[str, Any]) -> dict[str, Any]:
             'tolerance_level': LEVELS[worst] if worst else ''}
 
 
-@dataclass(frozen=True)
-class CauseDot:
-    """A cause in a run, by their places: its probability by this run alone; size: µm rms, None where it was not named.
-    """
-
-    cause: int
-    run: int
-    probability: float
-    size: float | None
-
-
-@dataclass(frozen=True)
-class CausesOfRuns:
-    """Causes against runs in the order of time: causes in words, runs by name, path and run_id; dots."""
-
-    causes: tuple[str, ...]
-    runs: tuple[tuple[str, str, str], ...]
-    dots: tuple[CauseDot, ...]
-
-
-def causes_of(folder: str, keys: Sequence[str], model: str) -> CausesOfRuns:
-    """Return the causes of runs by their keys, those that are the most probable in all runs together.
+def causes_of(folder: str, keys: Sequence[str], model: str) -> tuple[CausesOfRuns, tuple[tuple[str, str], ...]]:
+    """Return the causes of runs by their keys, those that are the most probable in all runs together, each run by
+    itself, in the order of time, with path and run_id of each run.
 
     Raises InvalidData where no row keeps what its run says of causes."""
     rows = RunArchive(folder).read_rows(
@@ -111,11 +93,12 @@ def causes_of(folder: str, keys: Sequence[str], model: str) -> CausesOfRuns:
     for one in every:
         total.update(one)
     names = [name for name, sum_ in total.most_common(MOST_CAUSES) if max(one.get(name, 0.0) for one in every) > EVEN]
-    sizes = [{one['effect']: 1e6 * one['rms_m'] for one in row['effects'] or ()} for row in rows]
-    return CausesOfRuns(tuple(plain_name(one) or member_words(one) for one in names), tuple(
-        (_name_of(row), row['path'], row['run_id']) for row in rows), tuple(
-        CauseDot(place, run, one[name], sizes[run].get(name)) for place, name in enumerate(names)
-        for run, one in enumerate(every) if one.get(name, 0.0) >= LEAST_SHOWN))
+    sizes = [{one['effect']: one['rms_m'] for one in row['effects'] or ()} for row in rows]
+    dots = tuple(CauseDot(place, run, one[name], sizes[run].get(name)) for place, name in enumerate(names)
+                 for run, one in enumerate(every) if one.get(name, 0.0) >= LEAST_SHOWN)
+    said = tuple(plain_name(one) or member_words(one) for one in names)
+    return (CausesOfRuns(said, tuple(map(_name_of, rows)), dots),
+            tuple((row['path'], row['run_id']) for row in rows))
 
 
 def _name_of(row: dict[str, Any]) -> str:

@@ -22,6 +22,7 @@ from rosette_ros.core.run.number_words import SCALES
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Ints
 from rosette_ros.core.run.scheme import cmm_position, nominal_places
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
+from rosette_ros.presentation.cell_results import CausesOfRuns
 from rosette_ros.presentation.formatting import curve_scales, curve_units, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.residual_plots import MOST_CURVES, UNITS
@@ -143,26 +144,26 @@ def shape_height(shape: Shape) -> int:
     return 80 + 95 * len(strongest(shape, MOST_CURVES))
 
 
-def causes_figure(causes: Sequence[str], runs: Sequence[str], dots: Sequence[tuple[int, int, float, float | None]]
-                  ) -> PlotlyFigure:
-    """Return causes against runs: the area of a dot is the probability, its colour the size; dots: places of cause and
-    run, probability, size, µm rms, None where the run does not name the cause. A trace of those named, one of others.
-    """
+def causes_figure(found: CausesOfRuns) -> PlotlyFigure:
+    """Return causes against runs: the area of a dot is the probability, its colour the size. A trace of those that the
+    run names, one of others."""
     data: list[PlotlyFigure] = []
+    causes, runs = found.causes, found.runs
     for is_named in (True, False):
-        shown = [one for one in dots if (one[3] is not None) == is_named]
-        marker: PlotlyFigure = {'size': [22 * one[2]**0.5 for one in shown], 'opacity': 1.0}
+        shown = [one for one in found.dots if (one.size is not None) == is_named]
+        marker: PlotlyFigure = {'size': [22 * one.probability**0.5 for one in shown], 'opacity': 1.0}
         if is_named:
-            marker |= {'color': [one[3] for one in shown], 'colorscale': 'Cividis', 'line': {'width': 1, 'color': SOFT},
+            marker |= {'color': [1e6 * (one.size or 0.0) for one in shown], 'colorscale': 'Cividis',
+                       'line': {'width': 1, 'color': SOFT},
                        'colorbar': {'title': {'text': 'µm rms', 'side': 'top'}, 'thickness': 12}}
         else:
             marker |= {'symbol': 'circle-open', 'color': '#8a8a8a', 'line': {'width': 1.5}}
         data.append({
-            'type': 'scatter', 'mode': 'markers', 'x': [one[1] for one in shown], 'y': [one[0] for one in shown],
+            'type': 'scatter', 'mode': 'markers', 'x': [one.run for one in shown], 'y': [one.cause for one in shown],
             'marker': marker, 'showlegend': False, 'text': [
-                f'{runs[run]}<br>{causes[cause]}<br>probability {100 * p:.0f} %'
-                + ('; not named by this run' if size is None else f', {size:.3g} µm rms')
-                for cause, run, p, size in shown],
+                f'{runs[one.run]}<br>{causes[one.cause]}<br>probability {100 * one.probability:.0f} %'
+                + ('; not named by this run' if one.size is None else f', {1e6 * one.size:.3g} µm rms')
+                for one in shown],
             'hovertemplate': '%{text}<extra></extra>'})
     step = -(-len(runs) // 12)
     layout = layout_of(margin={'l': 230, 'b': 80, 't': 12})

@@ -90,8 +90,8 @@ def test_causes_stand_against_runs(page, tmp_path, start_studio):
     found = list_runs(str(archive.folder), Question({}))
     assert [one['tolerances'] for one in found.lines] == ['not decidable', 'conforms', 'not decidable']
     assert all(0 < one['ctx'] < 5 for one in found.lines)
-    causes = causes_of(str(archive.folder), [one['key'] for one in found.lines], found.model)
-    assert [run for _, _, run in causes.runs] == ['run0', 'run1', 'run2']
+    causes, places = causes_of(str(archive.folder), [one['key'] for one in found.lines], found.model)
+    assert [run for _, run in places] == ['run0', 'run1', 'run2']
     likely = {(causes.causes[one.cause], one.run) for one in causes.dots if one.probability > 0.5}
     assert {run for _, run in likely} == {0, 2} and 'linear probe drift' in {cause for cause, _ in likely}
     with start_studio(tmp_path, '--archive', archive.folder) as studio:

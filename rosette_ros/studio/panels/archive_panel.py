@@ -11,6 +11,7 @@ from nicegui.events import GenericEventArguments
 
 from rosette_ros.core.run.errors import InvalidData, RosetteError, counted, one_line
 from rosette_ros.core.run.records import CURVES, ErrorMotions
+from rosette_ros.presentation.cell_results import CausesOfRuns
 from rosette_ros.presentation.formatting import curve_units
 from rosette_ros.presentation.plots.plot_style import COLOURS
 from rosette_ros.presentation.table_format import Table
@@ -25,7 +26,7 @@ from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
     from rosette_ros.archive.table_history import TableTrend
-    from rosette_ros.studio.archive_view import ArchiveRuns, CausesOfRuns
+    from rosette_ros.studio.archive_view import ArchiveRuns
 
 OpenRun = Callable[[str, str], Awaitable[None]]
 MOST_CURVES = 12
@@ -196,14 +197,11 @@ class ArchivePanel:
             return
         chosen = self._list.selected or self._list.rows
         view, keys = importlib.import_module('rosette_ros.studio.archive_view'), [one['key'] for one in chosen]
-        found: CausesOfRuns = await asyncio.to_thread(view.causes_of, self._folder.value.strip(), keys,
-                                                      self._runs.model)
-        dots = [(one.cause, one.run, one.probability, one.size) for one in found.dots]
-        self._points = [[found.runs[run][1:] for _, run, _, size in dots if (size is not None) == is_named]
+        found, places = await asyncio.to_thread(view.causes_of, self._folder.value.strip(), keys, self._runs.model)
+        self._points = [[places[one.run] for one in found.dots if (one.size is not None) == is_named]
                         for is_named in (True, False)]
         self._draw('Causes against runs: the area of a dot is the probability by its run alone, its colour the size; '
-                   'open: not named by the run', ('causes', self._runs.model, tuple(keys)), causes_figure,
-                   found.causes, [name for name, _, _ in found.runs], dots)
+                   'open: not named by the run', ('causes', self._runs.model, tuple(keys)), causes_figure, found)
         self._tables.show(_fill_causes, found)
 
     async def _show_plant(self) -> None:
@@ -239,7 +237,7 @@ def _fill(trend: 'TableTrend', changes: str) -> None:
                 'archive-changes')
 
 
-def _fill_causes(found: 'CausesOfRuns') -> None:
+def _fill_causes(found: CausesOfRuns) -> None:
     """Say it where there is none."""
     if not found.causes:
         ui.label('No run has a cause with a probability above one half.')
