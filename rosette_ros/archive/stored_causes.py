@@ -48,7 +48,7 @@ def causes_of_text(text: str) -> RunCauses:
         shapes = {name: CauseShape(one['unit'], np.array(one['sizes']), {
             what: (tuple(values), np.array(line)) for what, (values, line) in one['constants'].items()})
             for name, one in found['shapes'].items()}
-        return RunCauses(tuple(tuple(names[k] for k in some) for some in found['hypotheses']),
+        return RunCauses(tuple(tuple(map(names.__getitem__, some)) for some in found['hypotheses']),
                          np.array(found['log_evidence']), dict(zip(names, found['log_prior'])),
                          frozenset(found['silent']), shapes)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:

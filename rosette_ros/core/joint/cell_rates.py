@@ -16,6 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -35,6 +36,8 @@ ROUNDS = 12
 """Of messages between the runs and what they have in common."""
 STILL = 1e-3
 """Change of a probability by which messages are at rest."""
+TOGETHER = 8
+"""Likelihoods of so many runs are multiplied before their logarithm is taken: no product of them leaves the numbers."""
 FINENESS = 2
 """Rates over which is integrated, times the root of the number of runs: closer than the rate is known."""
 
@@ -61,24 +64,26 @@ class CellRates:
     def __init__(self, runs: Sequence[RunCauses]) -> None:
         """Take what each run says."""
         self.runs = tuple(runs)
-        priors: dict[str, list[float]] = {}
-        for one in self.runs:
-            for name, value in one.log_prior.items():
-                priors.setdefault(name, []).append(1 / (1 + math.exp(-value)))
         self._nodes, self._weights = rates_of(len(self.runs))
-        self.prior = {name: float(np.mean(values)) for name, values in priors.items()}
+        number = {name: k for k, name in enumerate(dict.fromkeys(chain.from_iterable(one.names for one in self.runs)))}
+        places = [np.fromiter(map(number.__getitem__, one.names), int, len(one.names)) for one in self.runs]
+        prior, odds = np.zeros((2, len(number))), np.zeros((len(number), len(self.runs)))
+        for run, (one, own) in enumerate(zip(self.runs, places)):
+            prior[:, own] += 1 / (1 + np.exp(-one.priors)), np.ones(len(own))
+            odds[own, run] = one.odds
+            odds[[number[name] for name in one.silent if name in number], run] = 1.0
+        self.prior: dict[str, float] = dict(zip(number, (prior[0] / prior[1]).tolist()))
         self._elsewhere = {name: math.log(p) - math.log1p(-p) for name, prior in self.prior.items()
                            for p in [prior * (1 if is_event(name) else 1 - COMES_AGAIN)]}
-        odds = {name: np.zeros(len(self.runs)) for name in self.prior if not is_event(name)}
-        for place, one in enumerate(self.runs):
-            for name, value in (one.odds | dict.fromkeys(one.silent, 1.0)).items():
-                if name in odds:
-                    odds[name][place] = value
-        alone = {name: self._worth_alone(name, values) for name, values in odds.items()}
+        alone = {name: self._worth_alone(name, values) for name, values in zip(number, odds) if not is_event(name)}
         self.candidates = tuple(sorted((name for name, worth in alone.items() if worth > -NEAR),
                                        key=lambda name: -alone[name])[:CANDIDATES])
-        self._said = [self._said_by(one) for one in self.runs]
-        self._place, self._member, self._weight = self._patterns()
+        elsewhere = np.array([*self._elsewhere.values()])
+        self._said = [self._said_by(one, elsewhere[own]) for one, own in zip(self.runs, places)]
+        self._place = np.repeat(np.arange(len(self.runs)), [len(one.member) for one in self._said])
+        self._member = np.concatenate([one.member for one in self._said])
+        self._weight = np.concatenate([one.weight for one in self._said])
+        self._silent = np.array([[name in one.silent for name in self.candidates] for one in self.runs], dtype=bool)
         self._judged = {name: sum(name not in one.silent for one in self.runs) for name in self.candidates}
         found = self._grown()
         top = max(one.log_evidence for one in found)
@@ -109,7 +114,13 @@ class CellRates:
     @cached_property
     def posteriors(self) -> tuple[Floats, ...]:
         """The probabilities of the hypotheses of each run, in the cell, (h,) each."""
-        return tuple(self._posterior(place) for place in range(len(self.runs)))
+        likely = [(p, one) for p, one in self.hypotheses if p >= STILL / 10]
+        more = np.zeros((len(self.runs), len(self.candidates), len(likely)))
+        for column, (_, one) in enumerate(likely):
+            for name, odds in zip(one.names, one.log_odds.T):
+                more[:, self.candidates.index(name), column] = odds - self._elsewhere[name]
+        share = np.array([p for p, _ in likely])
+        return tuple(said.posterior(own, share) for said, own in zip(self._said, more))
 
     def p(self, run: int, *names: str) -> float:
         """Return the probability that a run has one of some causes, in the cell."""
@@ -149,15 +160,6 @@ class CellRates:
     def _shapes(self, name: str) -> list[tuple[CauseShape, float]]:
         return [(one.shapes[name], self.p(k, name)) for k, one in enumerate(self.runs) if name in one.shapes]
 
-    def _posterior(self, place: int) -> Floats:
-        (value, member), out = self._said[place], np.zeros(len(self.runs[place].hypotheses))
-        for p, one in self.hypotheses:
-            if p < STILL / 10:
-                break
-            more = [odds - self._elsewhere[name] for name, odds in zip(one.names, one.log_odds[place].tolist())]
-            out += p * _normal(value + member[:, [self.candidates.index(name) for name in one.names]] @ np.array(more))
-        return np.asarray(out / out.sum())
-
     # How it is found
 
     def _share(self, name: str) -> float:
@@ -167,29 +169,18 @@ class CellRates:
     def _worth_alone(self, name: str, odds: Floats) -> float:
         """Return the log evidence of a cause as a property, all other causes being as elsewhere, sizes apart."""
         elsewhere = 1 / (1 + math.exp(-self._elsewhere[name]))
-        line = np.log1p(self._nodes[:, None] * (odds - 1)).sum(axis=1)
+        line = _log_product(1 + (odds[:, None] - 1) * self._nodes)
         return float(np.logaddexp.reduce(line + np.log(self._weights)) - np.log1p(
             elsewhere * (odds - 1)).sum()) + math.log(self._share(name))
 
-    def _said_by(self, run: RunCauses) -> tuple[Floats, Floats]:
-        """Return the log evidence of the hypotheses of a run where no cause is a property, (h,), and which of the
-        candidates each has, 0 or 1, (h, candidates)."""
-        value = run.log_evidence + run.total({name: self._elsewhere[name] - prior
-                                              for name, prior in run.log_prior.items()})
-        bits = run.total({name: float(2**k) for k, name in enumerate(self.candidates)}).astype(np.int64)
-        return value, (bits[:, None] >> np.arange(len(self.candidates)) & 1).astype(float)
-
-    def _patterns(self) -> tuple[Ints, Floats, Floats]:
-        """Return the patterns of candidates that hypotheses have: the run of each, (patterns,), its members, 0 or 1,
-        (patterns, candidates), and the sum of its hypotheses, where no cause is a property."""
-        places, members, weights = list[Ints](), list[Floats](), list[Floats]()
-        for place, (value, member) in enumerate(self._said):
-            _, first, row = np.unique(member @ 2**np.arange(len(self.candidates)), return_index=True,
-                                      return_inverse=True)
-            places.append(np.full(len(first), place))
-            members.append(member[first])
-            weights.append(np.bincount(row, np.exp(value - value.max()), len(first)).astype(float))
-        return np.concatenate(places), np.concatenate(members), np.concatenate(weights)
+    def _said_by(self, run: RunCauses, elsewhere: Floats) -> '_Said':
+        """Return what a run says where no cause is a property; elsewhere: log odds of its names then."""
+        value = run.log_evidence + run.total(elsewhere - run.priors)
+        bits = run.total_of({name: float(2**k) for k, name in enumerate(self.candidates)}).astype(np.int64)
+        patterns, row = np.unique(bits, return_inverse=True)
+        weight = np.exp(value - value.max())
+        return _Said(weight, row, (patterns[:, None] >> np.arange(len(self.candidates)) & 1).astype(float),
+                     np.bincount(row, weight, len(patterns)).astype(float))
 
     def _grown(self) -> list[CellHypothesis]:
         """Return the sets of properties that are visited."""
@@ -219,8 +210,7 @@ class CellRates:
         row = self._place * 2**len(own) + (self._member[:, own] @ 2**np.arange(len(own))).astype(np.int64)
         count = len(self.runs) * 2**len(own)
         weight = np.bincount(row, self._weight * np.exp(even), count).astype(float)
-        silent = np.array([name in run.silent for run in self.runs for name in names], dtype=bool)
-        made = self._propagated(weight.reshape(len(self.runs), -1), silent.reshape(len(self.runs), len(own)))
+        made = self._propagated(weight.reshape(len(self.runs), -1), self._silent[:, own])
         prior = sum(math.log(self._share(name)) for name in names) + sum(math.log1p(-self._share(name)) - self._judged[
             name] * math.log1p(math.exp(self._elsewhere[name])) for name in others)
         return CellHypothesis(names, made[0] + prior, made[1], made[2])
@@ -230,24 +220,24 @@ class CellRates:
 
         weight: (runs, 2^m), of each set of them with even odds; silent: (runs, m) whether a run says nothing."""
         m = silent.shape[1]
-        member = (np.arange(2**m)[:, None] >> np.arange(m) & 1).astype(bool)
-        message = np.zeros((*silent.shape, len(self._nodes)))  # of each run to each rate, log likelihoods
-        before = np.zeros(silent.shape)
+        member = (np.arange(2**m)[:, None] >> np.arange(m) & 1).astype(float)
+        message = np.ones((*silent.shape, len(self._nodes)))  # of each run to each rate, likelihoods
+        before, mean = np.zeros(silent.shape), np.stack([self._nodes, np.ones(len(self._nodes))], axis=1)
         for turn in range(ROUNDS):
-            total = message.sum(axis=0) + np.log(self._weights)
-            cavity = total - message  # what all other runs say
-            cavity = np.exp(cavity - cavity.max(axis=-1, keepdims=True))
-            there = (cavity @ self._nodes) / cavity.sum(axis=-1)
-            term = weight * np.prod(np.where(member, there[:, None], np.where(silent, 1.0, 1 - there)[:, None]), axis=2)
+            total = _log_product(message) + np.log(self._weights)
+            cavity = np.exp(total - total.max(axis=-1, keepdims=True)) / message  # what all other runs say
+            there, whole = np.moveaxis(cavity @ mean, -1, 0)
+            there = there / whole
+            term = weight * _of_sets(there, np.where(silent, 1.0, 1 - there))
             whole = term.sum(axis=1)
             if np.abs(there - before).max(initial=0.0) < STILL:
                 break
             before, with_it = there, term @ member / whole[:, None]
             yes = np.where(silent, 1.0, with_it / there)
             no = np.where(silent, 1.0, np.maximum(1 - with_it, 0) / (1 - there))
-            fresh = np.log(no[..., None] + (yes - no)[..., None] * self._nodes + 1e-300)
+            fresh = no[..., None] + (yes - no)[..., None] * self._nodes
             # those that wander between look-alikes come to rest half way
-            message = (message + fresh) / 2 if turn > 2 and m > 1 else fresh
+            message = np.sqrt(message * fresh) if turn > 2 and m > 1 else fresh
         evidence = float(np.log(whole).sum() + np.logaddexp.reduce(total, axis=1).sum())
         return evidence, np.log(there) - np.log(np.where(silent, 1.0, 1 - there)), tuple(
             (_normal(total) @ self._nodes).tolist())
@@ -260,6 +250,41 @@ def rates_of(runs: int) -> tuple[Floats, Floats]:
     know the rate."""
     nodes, weights = np.polynomial.legendre.leggauss(min((runs + 3) // 2, math.ceil(FINENESS * math.sqrt(runs))))
     return (nodes + 1) / 2, weights / 2
+
+
+@dataclass(frozen=True, eq=False)
+class _Said:
+    """What a run says where no cause is a property: weights of its hypotheses, (h,), which pattern of candidates each
+    has, (h,), the members of each pattern, 0 or 1, (patterns, candidates), and the sum of its hypotheses."""
+
+    weights: Floats
+    row: Ints
+    member: Floats
+    weight: Floats
+
+    def posterior(self, more: Floats, share: Floats) -> Floats:
+        """Return the probabilities of the hypotheses, (h,); more: log odds of the candidates in the cell over those
+        elsewhere, (candidates, c), by each of c sets of properties with the probabilities `share`, (c,)."""
+        by_set = _normal((np.log(self.weight)[:, None] + self.member @ more).T)
+        out = self.weights * (share @ by_set / self.weight)[self.row]
+        return np.asarray(out / out.sum())
+
+
+def _of_sets(yes: Floats, no: Floats) -> Floats:
+    """Return products over m causes, `yes` of those in a set and `no` of the others, (runs, m) each, (runs, 2^m): the
+    set k has the causes whose bits are in k."""
+    out = np.ones((len(yes), 1))
+    for there, absent in zip(yes.T, no.T):
+        out = np.concatenate([out * absent[:, None], out * there[:, None]], axis=1)
+    return out
+
+
+def _log_product(values: Floats) -> Floats:
+    """Return the log of the product along the first axis, (k, ...), with one logarithm for TOGETHER numbers."""
+    many = len(values) // TOGETHER
+    first, rest = np.split(values, [many * TOGETHER])
+    products = np.prod(first.reshape(many, TOGETHER, *values.shape[1:]), axis=1)
+    return np.asarray(np.log(products).sum(axis=0) + np.log(rest).sum(axis=0))
 
 
 def _normal(line: Floats) -> Floats:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -71,24 +72,43 @@ class RunCauses:
         return tuple(self.log_prior)
 
     @cached_property
+    def priors(self) -> Floats:
+        """The log priors of all names, (names,)."""
+        return np.fromiter(self.log_prior.values(), float, len(self.log_prior))
+
+    @cached_property
+    def _number(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.names)}
+
+    @cached_property
     def members(self) -> Ints:
         """The numbers of the members of each hypothesis among the names, (h, most), the number of names for none."""
-        number = {name: k for k, name in enumerate(self.names)}
-        count = np.array([len(some) for some in self.hypotheses])
-        out = np.full((len(count), max(count.max(initial=0), 1)), len(number))
-        out[np.arange(out.shape[1]) < count[:, None]] = [number[name] for some in self.hypotheses for name in some]
+        count = np.fromiter(map(len, self.hypotheses), int, len(self.hypotheses))
+        out = np.full((len(count), max(count.max(initial=0), 1)), len(self.names))
+        out[np.arange(out.shape[1]) < count[:, None]] = np.fromiter(
+            map(self._number.__getitem__, chain.from_iterable(self.hypotheses)), int, count.sum())
         return out
 
-    def total(self, by_name: Mapping[str, float]) -> Floats:
-        """Return the sum of numbers of the members of each hypothesis, (h,); 0 for names that have none."""
-        values = np.array([*(by_name.get(name, 0.0) for name in self.names), 0.0])
-        return np.asarray(values[self.members].sum(axis=1))
+    def total(self, values: Floats) -> Floats:
+        """Return the sum of values of all names, (names,), over the members of each hypothesis, (h,)."""
+        return np.asarray(np.append(values, 0.0)[self.members].sum(axis=1))
+
+    def total_of(self, by_name: Mapping[str, float]) -> Floats:
+        """Return the same of values of some names, 0 for the others."""
+        values = np.zeros(len(self.names))
+        for name, value in by_name.items():
+            if name in self._number:
+                values[self._number[name]] = value
+        return self.total(values)
 
     def of_each(self, p: Floats) -> dict[str, float]:
         """Return the probability of each name where the hypotheses have probabilities p, (h,)."""
+        return dict(zip(self.names, self._of_all(p).tolist()))
+
+    def _of_all(self, p: Floats) -> Floats:
+        """Return the probabilities of all names, (names,)."""
         width = self.members.shape[1]
-        sums = np.bincount(self.members.ravel(), np.repeat(p, width), len(self.names) + 1)
-        return dict(zip(self.names, sums.tolist()))
+        return np.bincount(self.members.ravel(), np.repeat(p, width), len(self.names) + 1)[:-1].astype(float)
 
     @cached_property
     def alone(self) -> dict[str, float]:
@@ -98,13 +118,13 @@ class RunCauses:
     def of(self, names: Iterable[str], p: Floats | None = None) -> float:
         """Return the probability that one of some names is there; p: (h,) of the hypotheses, by this run alone if None.
         """
-        return float((self.p if p is None else p)[self.total(dict.fromkeys(names, 1.0)) > 0].sum())
+        return float((self.p if p is None else p)[self.total_of(dict.fromkeys(names, 1.0)) > 0].sum())
 
     @cached_property
-    def odds(self) -> dict[str, float]:
-        """The factor by which the run changes the odds of each name."""
-        p = np.minimum(list(self.alone.values()), 1 - 1e-12)
-        return dict(zip(self.alone, (p / (1 - p) / np.exp(list(self.log_prior.values()))).tolist()))
+    def odds(self) -> Floats:
+        """The factors by which the run changes the odds of all names, (names,)."""
+        p = np.minimum(self._of_all(self.p), 1 - 1e-12)
+        return np.asarray(p / (1 - p) / np.exp(self.priors))
 
 
 def causes_in(search: RunSearch) -> RunCauses:
@@ -132,7 +152,8 @@ def causes_in(search: RunSearch) -> RunCauses:
     made = RunCauses(kept, np.array([best[names] for names in kept]), prior, silent.difference(prior))
     if search.noiseless:
         return made
-    likely = sorted((name for name in prior if made.odds[name] > 1), key=lambda name: -made.odds[name])
+    odds = dict(zip(made.names, made.odds.tolist()))
+    likely = sorted((name for name in prior if odds[name] > 1), key=lambda name: -odds[name])
     shapes = {}
     for name in likely[:SHAPED]:
         key = next((key for key in alone.keys if name in key[0]), None)
