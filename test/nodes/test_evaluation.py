@@ -11,6 +11,7 @@ from rosette_msgs.srv import AddEffect
 
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.noise_facts import noise_facts
+from rosette_ros.core.model.experience import Experience, KnownCause
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.run.errors import InvalidData, InvalidModel, NotDeterminable
@@ -51,6 +52,21 @@ def test_evaluation_is_that_of_offline(drifting):
     fit = ModelInUse(model).evaluate(drifting)
     offline = analyse(drifting, model)
     assert np.array_equal(fit.error_motions.values, offline.error_motions.values)
+
+
+def test_next_readings_ask_for_what_is_open_in_this_cell():
+    """A cell that has always drifted is sooner settled about a weak drift than any other; the change of model keeps it.
+    """
+    run = machine_run('weak', {'kind': 'frame_drift', 'rate_um_per_h': [0.6, 0.0, 0.4]})
+    known = Experience((KnownCause('frame_drift', 0.95, 1.0, 20.0, 20),), runs=20)
+    told = []
+    for model in (Model(), Model(experience=known)):
+        in_use = ModelInUse(model)
+        in_use.evaluate(run)
+        found = in_use.next_readings('weak', '', lambda n: [], readings=4, until=0.9)
+        told.append(sum(one.probability for one in found.contenders if 'frame_drift' in one.members))
+    assert told[1] > told[0] + 0.05
+    assert in_use.add('weak', 'plate_warp', {}).after.model.experience is known
 
 
 def test_the_last_four_runs_are_kept(drifting):
