@@ -54,9 +54,9 @@ def test_a_hidden_drift_by_hand(make_run, n):
         assert added[0] == pytest.approx(0.4615e-6, rel=1e-3)
 
 
-def taught(name, rate, size=float('nan'), runs=40):
-    """Return the experience of one effect in so many runs; size: m rms."""
-    return Experience((KnownCause(name, rate, 1.0, rate * runs, runs, size, 0.0),), runs=runs)
+def taught(name, rate, size=float('nan'), runs=40, spread=0.0):
+    """Return the experience of one effect in so many runs; size: m rms; spread: of its logarithm."""
+    return Experience((KnownCause(name, rate, 1.0, rate * runs, runs, size, spread),), runs=runs)
 
 
 def test_experience_gives_rate_and_size_of_an_effect_that_is_hidden(make_run):
@@ -71,6 +71,8 @@ def test_experience_gives_rate_and_size_of_an_effect_that_is_hidden(make_run):
     expected = 3e-6 * (41 / 42)**0.5 * size_per_rms(run)[name]
     alone = surrounded(one, Environment(experience=taught(name, 41 / 42, 3e-6)))
     np.testing.assert_allclose(alone.error_motions.u, surrounded(one, only(name, expected)).error_motions.u, rtol=1e-4)
+    unsure = Environment(experience=taught(name, 41 / 42, 3e-6, spread=0.4))
+    assert at_ball(unsure, run)[name] == pytest.approx(np.exp(0.4**2) * expected)
     assert source_of(alone.environment, name) == 'in 39 of 40 earlier runs of the cell'
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What earlier runs of a cell have taught: how often each of its causes is in a run."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,6 +25,12 @@ class KnownCause:
     size: float = float('nan')
     spread: float = float('nan')
     constants: tuple[tuple[str, float, float], ...] = ()
+
+    @property
+    def mean_square(self) -> float:
+        """The expected square of its size in a run that has it, m^2: size^2 exp(2 spread^2), of few runs larger."""
+        spread = self.spread if math.isfinite(self.spread) else 0.0
+        return self.size**2 * math.exp(2 * spread**2)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ and E E' v = l v,
 
 and D_k enters with the variance s^2 w_k / (1 + sum of w). Where the order shows nothing BF is 1, and the variance from
 run to run remains that is stated; where it shows that nothing is there it goes to 0. Experience of the cell gives pi of
-what it knows, and the size: the variance from run to run is then rate x size^2. See docs/uncertainty.md.
+what it knows, and the size: the variance from run to run is then rate x mean square. See docs/uncertainty.md.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -128,7 +128,7 @@ def at_ball(environment: Environment, run: Run) -> dict[str, float]:
     able, out = {name: kind_of(EFFECTS[name]) for name in _settings(run)}, {}
     for name, kind in able.items():
         if known := environment.sized(name):
-            out[name] = known.rate**0.5 * known.size * _per_rms(run, name)
+            out[name] = (known.rate * known.mean_square)**0.5 * _per_rms(run, name)
         elif name in environment.effects:
             out[name] = environment.effects[name].value
         elif kind in environment.sizes:
