@@ -123,7 +123,7 @@ def run_demo(options: Namespace) -> None:
     with in_cell().demo_cell(out, what, config, options.domain, options.output, options.identity,
                              options.dme) as running:
         if hidden:
-            hidden_demo.seal(out, config, options.hidden, running.machine.parent)
+            hidden_demo.seal(out, Machine(config), options.hidden, running.machine.parent)
         log_path = running.calibrate(order, options.seed, 'turning: forward', until_probability=options.until)
         if options.until:
             hidden_demo.show_added(out, log_path, config.plate.balls**2)
@@ -158,13 +158,13 @@ def measure_offline(out: Console, config: MachineConfig, order: str, options: Na
     paths = list[Path]()
     for place in range(options.runs):
         log_path = folder / run_name(datetime.now(UTC), order, [path.name for path in folder.iterdir()])
+        before = machine.state
         run = machine.run(plan(options.balls, order, options.seed + place), run_id=log_path.name)
         write_log(run, log_path, StoredTypes())
         write_machine(config, log_path / MACHINE)
+        if options.hidden is not None:
+            hidden_demo.seal(None if paths else out, Machine(config, before), options.hidden, log_path)
         paths.append(log_path)
-    if options.hidden is not None:
-        for path in paths:
-            hidden_demo.seal(out if path is paths[0] else None, config, options.hidden, path)
     if options.runs > 1:
         hidden_demo.show_runs(out, paths)
     elif options.hidden is not None:

@@ -40,6 +40,7 @@ from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import nested_models
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 from rosette_ros.simulation.envelope import open_envelope, seal_envelope
+from rosette_ros.simulation.motion import MachineState
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import exact, fixed
 from rosette_ros.words.verdict_words import titles
@@ -54,10 +55,9 @@ SURE_SIGMA = 12.0
 MACHINE = 'machine.yaml'
 
 
-def seal(out: Console | None, config: MachineConfig, seed: int, folder: Path) -> None:
-    """Seal the envelope before anything is measured; the files of the folder are copied to the log; out: None where it
-    was told."""
-    digest = seal_envelope(folder / ENVELOPE, Machine(config))
+def seal(out: Console | None, machine: Machine, seed: int, folder: Path) -> None:
+    """Seal what a machine hides, as it stands before a run, into a folder; out: None where it was told."""
+    digest = seal_envelope(folder / ENVELOPE, machine)
     if out is None:
         return
     out.print(f'It hides effects drawn from seed {seed}. The sealed envelope has the digest\n'
@@ -95,7 +95,8 @@ def show_runs(out: Console, paths: Sequence[Path]) -> None:
     every = [shown(path) for path in paths]
     out.print(f'\n{len(every)} runs of one machine. To find out what comes again in them:')
     out.print(f'  {escape(command("diagnose", *every))}', soft_wrap=True)
-    out.print(f'Their envelope, with the hidden effects:\n  {escape(command("envelope", every[0]))}', soft_wrap=True)
+    out.print('The envelope of run 1, beside what is found in run 1 alone; every run has its own:\n'
+              f'  {escape(command("envelope", every[0]))}', soft_wrap=True)
 
 
 def show_added(out: Console, log_path: Path, planned: int) -> None:
@@ -163,7 +164,7 @@ def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run,
                   named: Sequence[str], model: str | None = None) -> None:
     """Open the envelope and print what was hidden beside what is named, by the diagnosis or by the model of a file."""
     envelope = open_envelope(log_path / ENVELOPE)
-    begin, strengths = visible_strengths(config, run, envelope.hidden)
+    begin, strengths = visible_strengths(config, run, envelope.hidden, envelope.state)
     kinds = [hidden['kind'] for hidden in envelope.hidden]
     answers = [answer(kind, strength, diagnosis, named) for kind, strength in zip(kinds, strengths, strict=True)]
     levels, wrong = [level for _, level in answers], wrongly_named(kinds, diagnosis, named)
@@ -224,12 +225,13 @@ def answer(kind: str, strength: float, diagnosis: Diagnosis, named: Sequence[str
     return 'not named' + (', but something is stated to be unexplained' if diagnosis.unexplained else ''), Level.BAD
 
 
-def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[str, Any]]) -> tuple[float, Floats]:
+def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[str, Any]],
+                      state: MachineState | None = None) -> tuple[float, Floats]:
     """Return the machine time of the first reading, s, and the norm that each effect adds to the residual of the base
-    model, in σ, measured with it and without.
+    model, in σ, measured with it and without; state: where the machine stood before the run, None: just switched on.
     """
     scheme = Scheme(run.n, 'as measured', 0, run.table_position, run.ball, np.where(run.approach < 0, -1, 1))
-    made = [Machine(config.changed(hidden=each, hidden_draw=None)).calibrate(scheme)
+    made = [Machine(config.changed(hidden=each, hidden_draw=None), state).calibrate(scheme)
             for each in ([], *([effect] for effect in hidden))]
     clean, *moved = (one.centre for one, *_ in made)
     left = BaseSpace(run, run.radius).residual(np.array(moved).reshape(len(hidden), run.size, 3) - clean)

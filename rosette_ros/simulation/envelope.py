@@ -13,27 +13,38 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.text_file import regular, replace_file
 from rosette_ros.simulation.machine import Machine
+from rosette_ros.simulation.motion import MachineState
 
 SCHEMA = 'rosette-envelope/1'
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """An opened envelope: sha256 of the sealed text, hex; seed of the machine; effects as in a configuration."""
+    """An opened envelope: sha256 of the sealed text, hex; seed of the machine; effects as in a configuration.
+
+    state: where the machine stood before the run, None where it was just switched on.
+    """
 
     digest: str
     seed: int
     hidden: tuple[dict[str, Any], ...]
+    state: MachineState | None
 
 
 def seal_envelope(path: Path, machine: Machine) -> str:
-    """Write what a machine hides into a new file, return its sha256, hex; raises InvalidData if that fails."""
+    """Write what a machine hides, and where it stands, into a new file; return its sha256, hex.
+
+    Raises InvalidData if that fails.
+    """
     hidden = [effect.model_dump(mode='json') for effect in machine.hidden]
     # The salt keeps anyone from finding the content by trying out configurations.
-    content = {'seed': machine.config.seed, 'hidden': hidden, 'salt': secrets.token_hex(16)}
+    content = {'seed': machine.config.seed, 'hidden': hidden, 'salt': secrets.token_hex(16),
+               'state': {name: np.asarray(value).tolist() for name, value in vars(machine.state).items()}}
     text = json.dumps(content, sort_keys=True).encode()
     digest = hashlib.sha256(text).hexdigest()
     envelope = {'schema': SCHEMA, 'sha256': digest, 'sealed': base64.b64encode(text).decode()}
@@ -66,6 +77,12 @@ def open_envelope(path: Path) -> Envelope:
                           f'{digest}; the envelope was changed after it was sealed')
     try:
         content = json.loads(text)
-        return Envelope(digest, content['seed'], tuple(content['hidden']))
+        return Envelope(digest, content['seed'], tuple(content['hidden']), _state(content.get('state')))
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise InvalidData(f'{path}: sealed: expected seed and hidden effects, found something else') from error
+
+
+def _state(values: dict[str, Any] | None) -> MachineState | None:
+    """Return the state of a machine as it was sealed; envelopes of earlier versions have none."""
+    return None if values is None else MachineState(**{
+        name: np.array(value) if isinstance(value, list) else value for name, value in dict(values).items()})

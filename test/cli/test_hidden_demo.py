@@ -10,10 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 from terminal import Terminal
 
 from rosette_ros.analysis import analyse, diagnose
-from rosette_ros.cli.hidden_demo import answer, content, visible_strengths, wrongly_named
+from rosette_ros.cli.hidden_demo import answer, content, show_envelope, visible_strengths, wrongly_named
 from rosette_ros.cli.main import main, parse
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.log_reader import read_log
@@ -179,3 +180,35 @@ def test_content_is_short():
 def test_times_count_from_the_first_reading():
     """A step 49.6 min after the machine was switched on is 34.6 min after a run that began 15 min after that."""
     assert content({'kind': 'frame_step', 'at_h': 0.82612}, 900.0) == 'at 34.6 min'
+
+
+def test_what_was_over_before_a_run_is_not_missed_in_it(rosette, tmp_path):
+    """Seed 11 shakes one reading of run 1; a diagnosis that names nothing has missed it there, but not in run 2."""
+    made = rosette('demo', '--offline', '--hidden', 11, '--balls', 6, '--runs', 2, '--output', tmp_path)
+    assert made.code == 0, made.err
+    assert 'beside what is found in run 1 alone' in made.out
+    nothing = SimpleNamespace(candidates=(), invisible=(), unexplained=False)
+    told = []
+    for log in sorted(tmp_path.iterdir()):
+        with io.StringIO() as screen:
+            show_envelope(Console(file=screen, width=120), load_machine(log / 'machine.yaml'), log,
+                          read_log(log).to_run(), nothing, ())
+            told.append(' '.join(screen.getvalue().split()))
+    assert 'The diagnosis: missed: ' in told[0] and re.search(r'at 11[.]6 min, .* 25[.]9 σ not named', told[0])
+    assert 'The diagnosis: not to be seen in this run: ' in told[1]
+    assert re.search(r'at −21[.]3 min, .* 0 σ too small to be named', told[1])
+
+
+def test_the_strength_is_that_in_the_readings_of_the_run():
+    """What warms up is strong in the first run, nearly over in the second: equal to the machine without its noise."""
+    hidden = {'kind': 'table_warmup', 'growth_um': 2.0, 'scale_turns': 3.0}
+    config = MachineConfig().changed(seed=2, plate={'balls': 6})
+    machine = Machine(config.changed(hidden=[hidden]))
+    strengths = []
+    for seed in (1, 2):
+        state = machine.state
+        run, _, readings = machine.calibrate(plan(6, 'interleaved', seed))
+        begin, (strength,) = visible_strengths(config, run, (hidden,), state)
+        assert begin == pytest.approx(readings.time[0], abs=1e-3)
+        strengths.append(strength)
+    assert strengths[0] > 20 * strengths[1]

@@ -2,6 +2,7 @@
 """The sealed envelope: opens again, is not readable at a glance, reveals changes."""
 
 import base64
+import hashlib
 import json
 
 import pytest
@@ -27,6 +28,28 @@ def test_round_trip(machine, tmp_path):
     assert envelope.seed == 5
     again = Machine(MachineConfig(seed=5).changed(hidden=list(envelope.hidden)))
     assert again.hidden == machine.hidden
+
+
+def test_it_says_where_the_machine_stood(machine, tmp_path):
+    """A machine that goes on from there measures the same, bit by bit."""
+    machine.align(repeats=2)
+    seal_envelope(tmp_path / 'envelope.json', machine)
+    again = Machine(machine.config, open_envelope(tmp_path / 'envelope.json').state)
+    one, other = (each.measure_many([1, 2], [1, 3], [1, -1]) for each in (machine, again))
+    assert (one.centre == other.centre).all() and (one.time == other.time).all()
+
+
+def test_an_envelope_without_a_state_is_of_a_machine_just_switched_on(machine, tmp_path):
+    """As earlier versions sealed it."""
+    path = tmp_path / 'envelope.json'
+    seal_envelope(path, machine)
+    outer = json.loads(path.read_text())
+    content = json.loads(base64.b64decode(outer['sealed']))
+    del content['state']
+    text = json.dumps(content).encode()
+    path.write_text(json.dumps({**outer, 'sealed': base64.b64encode(text).decode(),
+                                'sha256': hashlib.sha256(text).hexdigest()}))
+    assert open_envelope(path).state is None
 
 
 def test_nothing_is_read_by_accident(machine, tmp_path):
