@@ -84,5 +84,8 @@ def open_envelope(path: Path) -> Envelope:
 
 def _state(values: dict[str, Any] | None) -> MachineState | None:
     """Return the state of a machine as it was sealed; envelopes of earlier versions have none."""
-    return None if values is None else MachineState(**{
-        name: np.array(value) if isinstance(value, list) else value for name, value in dict(values).items()})
+    if values is None:
+        return None
+    made: dict[str, Any] = {name: np.array(value) if isinstance(value, list) else value
+                            for name, value in dict(values).items()}
+    return MachineState(**made)
