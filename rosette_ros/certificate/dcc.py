@@ -33,7 +33,7 @@ from rosette_ros.io.identity_file import DEVICES, Identity
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import NOTE
 from rosette_ros.presentation.error_results import conformity_words
-from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions
+from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED
 from rosette_ros.words.budget_words import not_considered
 from rosette_ros.words.effect_words import setting_words, words_of
 
@@ -200,7 +200,7 @@ def _result(one: Certificate, curves: CurveSet) -> Element:
             for name in DEVICES if name != 'table')),
         _dcc('influenceConditions', *(condition for run in one.runs for condition in _conditions(run)), *(
             _dcc('influenceCondition', _named(name), _dcc('data', _rich('text', words)))
-            for name, words in conditions(one.identity) if words)),
+            for name, words in one.conditions if words)),
         _dcc('results', _curves(curves), _dcc(
             'result', _named('error motions after ISO 230-7'), _dcc('data', *(
                 _error(line, curves.probability, one.beside_conformity) for line in curves.lines)),

@@ -44,7 +44,7 @@ from rosette_ros.io.text_file import read_limited
 from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.formatting import curve_units, glued
-from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, conditions, contact, signer
+from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, contact, signer
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.tables import curves as values_of
 from rosette_ros.presentation.tables import effects
@@ -249,7 +249,7 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace], behind: int = -1
                   _words(f'{_text(METHOD)} {_text(PAPER)}, <link href="{DOI}">{DOI.partition("org/")[2]}</link>.'),
                   Spacer(1, 1 * mm), _pairs([
                       *_measured(one.runs), ('Conditions', '; '.join(
-                          f'{name.lower()}: {words or NOT_STATED}' for name, words in conditions(identity))),
+                          f'{name.lower()}: {words or NOT_STATED}' for name, words in one.conditions)),
                       ('Traceability', identity['traceability.name'] or NOT_STATED), *one.evaluation])]
     flowables += [_heading('Results: error motions of the rotary table (ISO 230-7)'),
                   _words(f'<b>{_text(one.judgement)}</b>'), Spacer(1, 1 * mm)]

@@ -32,6 +32,7 @@ from rosette_ros.io.open_run import has_plate, joint_identity
 from rosette_ros.io.reading_checks import known_temperatures, remark_on_radius
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import beyond_words, environment_words
+from rosette_ros.presentation.identity_words import conditions
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
@@ -110,12 +111,14 @@ class CurveSet:
 class Certificate:
     """What a certificate states; budget: of U, None of several runs and of plates that are too large for one.
 
-    compensated: effects in the model of the curves, which do not contain them; time_unit: as of Run."""
+    conditions: of measuring, (name, text), '' where one is not stated; compensated: effects in the model of the
+    curves, which do not contain them; time_unit: as of Run."""
 
     inputs: Inputs
     identity: Identity
     contradictions: tuple[str, ...]
     days: tuple[str, str]
+    conditions: tuple[tuple[str, str], ...]
     runs: tuple[Measured, ...]
     sets: tuple[CurveSet, ...]
     verdict: VerdictText | ConclusionText | None
@@ -181,12 +184,13 @@ def _of_one(path: str | Path, inputs: Inputs, ask: Ask) -> Certificate:
     fit, curves = found.curves.fit, found.curves
     facts = [fact_words(one) for one in run.remarks if one.kind not in NO_RESULT]
     unknown = [*text.not_known(run, fit.gauge, facts), *(verdict.limits if verdict else ()), *untouched]
-    which = (('Result', f'{curves.which}, as something is missing from the model'),) if found.beside else ()
-    evaluation = (('Model', text.model_words(found.fit.model)), *which, ('Residual', text.residual_words(fit)),
+    which = (('Result', f'{curves.which}, as something is missing from the given model, '
+              f'{text.model_words(found.fit.model)}'),) if found.beside else ()
+    evaluation = (('Model', text.model_words(fit.model)), *which, ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)),
                   ('Environment', environment_words(given.environment)))
     dof = float(made.effective_dof.min()) if made else fit.dof
-    return _stated(inputs, identity, contradictions, days, [measured], [
+    return _stated(inputs, identity, contradictions, days, [measured], [run.radius], [
         CurveSet('table', curves.motions, curves.lines(limits), dof)], verdict, evaluation, unknown, source.files, made,
                    fit)
 
@@ -210,8 +214,10 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs, ask: Ask) -> Certif
     unknown = [f'Cannot be measured by these runs; removed from the curves: {rows["Not determined"]}.', *(
         f'{words if "run" in one.numbers else capital(words)}.'  # the name of a run stays as it is
         for one in result.notes for words in [note_words(one)])]
-    return _stated(inputs, identity, (*contradictions, *changed), days, runs, sets, conclusion_text(conclusion),
-                   evaluation, unknown, tuple(dict.fromkeys(file for _, files in opened for file in files)))
+    radii = [float(radius) for one, _ in opened for radius in one.plate.radius]
+    return _stated(inputs, identity, (*contradictions, *changed), days, runs, radii, sets,
+                   conclusion_text(conclusion), evaluation, unknown,
+                   tuple(dict.fromkeys(file for _, files in opened for file in files)))
 
 
 def _complete(identity: Identity, runs: Sequence[Measured], ask: Ask, issued: str) -> tuple[str, str]:
@@ -233,9 +239,10 @@ def _complete(identity: Identity, runs: Sequence[Measured], ask: Ask, issued: st
 
 
 def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], days: tuple[str, str],
-            runs: Sequence[Measured], sets: Sequence[CurveSet], verdict: VerdictText | ConclusionText | None,
-            evaluation: tuple[tuple[str, str], ...], unknown: Iterable[str], files: Sequence[FileDigest],
-            made: Budget | None = None, fit: Fit | None = None) -> Certificate:
+            runs: Sequence[Measured], radii: Sequence[float], sets: Sequence[CurveSet],
+            verdict: VerdictText | ConclusionText | None, evaluation: tuple[tuple[str, str], ...],
+            unknown: Iterable[str], files: Sequence[FileDigest], made: Budget | None = None,
+            fit: Fit | None = None) -> Certificate:
     least = min(one.probability for one in sets)
     environment = budget_inputs(inputs.budget).environment if inputs.budget else None
     content = (f'U (k = 2, about {100 * least:.0f} %) {OF_BUDGET if made else CONTENT_OF_U}; it does not contain '
@@ -251,11 +258,18 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], d
             sentence = sentence.replace(str(Path(path).parent) + '/', '').replace(path, name)
         return sentence
     return Certificate(
-        inputs, identity, tuple(contradictions), days, tuple(runs), tuple(sets), verdict,
+        inputs, identity, tuple(contradictions), days, _conditions(identity, radii), tuple(runs), tuple(sets), verdict,
         tuple((name, bare(words)) for name, words in evaluation),
         tuple(bare(sentence) for sentence in (*unknown, *further) if sentence),
         tuple(FileDigest(inputs.files.get(file.sha256, Path(file.path).name), file.size, file.sha256)
               for file in files), made, fit.effects if fit else (), fit.run.time_unit if fit else 's')
+
+
+def _conditions(identity: Identity, radii: Sequence[float]) -> tuple[tuple[str, str], ...]:
+    """Return the conditions of measurement; radii: of the balls, m, the radial place where none is stated."""
+    ends = ' to '.join(dict.fromkeys(map(text.millimetres, (min(radii), max(radii)))))
+    on_the_balls = {'conditions.radial': f'on the circle of the ball centres, R = {ends}'}
+    return tuple(conditions(Identity({**on_the_balls, **identity.entries})))
 
 
 def _days(identity: Identity, known: Sequence[tuple[str, str]], issued: str) -> tuple[str, str] | None:

@@ -24,8 +24,8 @@ LACKS = {summary.WHOLE: '', summary.NO_MEAN: 'the mean of its reversal, which th
          summary.ONE_SENSE: 'the reversal of the table, which runs in both senses tell (evaluate --joint)'}
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
 TITLE = 'Error motions of the {} (ISO 230-7): synchronous error motion values'
-WHAT_IS_WHAT = (f'Range: largest value less smallest; U: k = {COVERAGE_FACTOR}, of each point the largest; residual '
-                'synchronous error motion: without the fundamental one, once per revolution.')
+WHAT_IS_WHAT = (f'Range: largest value less smallest; U: k = {COVERAGE_FACTOR}; residual synchronous error motion: '
+                'without the fundamental one, once per revolution.')
 
 
 def errors_of(result: RunResult, tolerances: Mapping[str, Tolerance] | None = None) -> tuple[Table, ...]:
@@ -64,7 +64,7 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
         column('unit', '', [one.unit for one in scales]),
         micro('range_in_unit', 'range', [line.range for line in lines]),
         micro('U_range_in_unit', 'U of the range', [line.expanded for line in lines], '±'),
-        micro('U_point_in_unit', 'U of each point', [COVERAGE_FACTOR * line.u_point for line in lines], '±'),
+        micro('U_point_in_unit', 'largest U of a point', [COVERAGE_FACTOR * line.u_point for line in lines], '±'),
         micro('once_per_turn_in_unit', 'fundamental error motion', [line.once_per_turn for line in lines]),
         micro('residual_in_unit', 'residual synchronous error motion', [line.residual for line in lines]),
         *((micro('asynchronous_in_unit', 'asynchronous error motion', [line.asynchronous for line in lines]),
@@ -84,7 +84,7 @@ def conformity_words(line: AxisError) -> str:
     """Return whether an error conforms to its tolerance, '' without one: as doubted, nothing is stated of it."""
     if line.tolerance is not None and line.doubt:
         return 'not stated'
-    return 'neither proven' if line.conformity is Conformity.UNDECIDED else line.conformity or ''
+    return line.conformity or ''
 
 
 def _factors(lines: Sequence[AxisError]) -> str:

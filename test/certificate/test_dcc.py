@@ -23,6 +23,7 @@ from rosette_ros.core.uncertainty.error_summary import Conformity
 from rosette_ros.io.budget_file import read_stated, refuse_examples
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.io.open_run import open_run
+from rosette_ros.presentation.formatting import model_words, residual_words
 
 XSD = Path(os.environ.get('ROSETTE_DCC_XSD') or Path(__file__).parents[3] / 'shared' / 'dcc' / 'v3.3.0' / 'dcc.xsd')
 NAMES = {'dcc': 'https://ptb.de/dcc', 'si': 'https://ptb.de/si'}
@@ -223,6 +224,11 @@ def test_nothing_is_decided_where_the_model_fails():
     assert texts(root, '//dcc:conformity') == [] and not any('Conformity is decided' in words for words in declared)
     assert any(words.startswith('not stated: the model lacks what was found') for words in declared)
     assert any(words.startswith('all explanations averaged') for words in declared)
+    certificate = made('incomplete')[1]
+    said, found = dict(certificate.evaluation), result(open_run(made('incomplete')[0][0]))
+    assert said['Model'] == model_words(found.curves.fit.model) != model_words(found.fit.model)
+    assert said['Residual'] == residual_words(found.curves.fit), 'model and residual are of one fit'
+    assert said['Result'].endswith(model_words(found.fit.model)), 'and the model that was given is told'
     assert any(words.startswith('3 missing') for words in texts(root, '//dcc:declaration/dcc:content'))
 
 
@@ -242,6 +248,16 @@ def test_who_and_what_stand_where_they_belong():
     assert 'Clamped as in use & <tested>.' in texts(root, '//dcc:declaration/dcc:content')
     assert (texts(root, '//dcc:beginPerformanceDate'), texts(root, '//dcc:endPerformanceDate')) == (
         ['2026-04-12'], ['2026-04-13'])
+
+
+def test_without_a_radial_place_it_is_that_of_the_balls():
+    """In the document as on the pages; what is stated counts."""
+    name, place = 'Radial place of the measurement', 'on the circle of the ball centres, R = 182.5 mm'
+    said = root_of('clean').xpath(f'//dcc:influenceCondition[dcc:name/dcc:content="{name}"]', namespaces=NAMES)
+    assert texts(said[0], './/dcc:data//dcc:content') == [place]
+    assert dict(made('clean')[1].conditions)[name] == dict(made('joint')[1].conditions)[name] == place
+    stated = parse_identity((FULL + DAYS).replace('conditions: {', 'conditions: {radial: "R = 50 mm", ').encode())
+    assert dict(state(made('clean')[0], Inputs(stated, '2026-11-30')).conditions)[name] == 'R = 50 mm'
 
 
 def test_what_is_missing_is_listed_and_not_made_up():

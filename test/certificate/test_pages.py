@@ -47,14 +47,16 @@ def test_an_engineer_finds_what_is_asked_for():
     for words in ('No. 2026-0413', 'issued 2026-11-30', 'Messlabor Süd, Ring 1, 80331, München, DE', 'order 4711',
                   'Room 3; 2026-04-12 to 2026-04-13', 'A. Messer', 'Tischbau RT 400 T-0815', '2026-K-113',
                   'Three-rosette method', '10.1016/j.measurement.2019.107366', 'Sequence ', 'Temperature 19.',
-                  'The model fits', 'conforms', 'neither proven', 'Decision rule: ISO 14253-1',
+                  'The model fits', 'conforms', 'not decidable', 'Decision rule: ISO 14253-1',
                   'load on the table: plate, 18 kg; speed of the table: at rest',
+                  'radial place of the measurement: on the circle of the ball centres, R = 182.5 mm',
                   'axial place of the measurement: 120 mm',
                   'Traceability CMM: 2026-K-113; thermometer: 2026-T-7', 'Clamped as in use & <'):
         assert words in first, words
     assert ' 1 nm ' in first and ' 0.3 arcsec ' in first, 'tolerances as stated'
     for line in certificate.sets[0].lines:
         assert f'{line.curve} ({line.name}) / {"µm" if line.curve[1] == "t" else "µrad"}' in first
+    assert 'U: k = 2; residual' in first and 'of a point' not in first, 'a column that is not on the page'
     assert 'U, which does not contain thermal expansion and the scale of the CMM' in first
     for words in ('Limitations and conditions of validity', 'means of ctx, cty', 'SHA-256', certificate.files[0].sha256,
                   'rosette_ros 0.1.0', 'signature', 'B. Leiter, head of laboratory', 'table angle in degrees'):

@@ -80,7 +80,7 @@ def test_the_table_of_what_may_be_there(rosette, table):
     text = ' '.join(rosette('evaluate', table, '--environment', 'laboratory').out.split())
     assert 'What this order cannot show, in U (environment: laboratory)' in text
     assert 'laboratory: machine against table 0.3 µm, zero of the table angle 0.5 µrad' in text
-    assert 'U of the range' in text and 'of each point the largest' in text
+    assert 'U of the range: half of the interval' in text and 'U: k = 2; residual' in text and 'largest U' in text
     assert 'conformity is stated from a probability of 97.7 % on (JCGM 106)' in text
 
 

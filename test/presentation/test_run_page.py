@@ -229,6 +229,7 @@ def test_the_first_page_says_of_which_table_it_is():
     page = report_html(summary_of('clean'), Source('', (), identity=identity))
     assert '<b>Rotary table M RT, No. 7; laboratory L; customer C</b>' in page
     rows = re.findall(r'<tr class="row (\w+)"><td>(\w+) ', page.partition('id="table-errors"')[2])
-    assert ('good', 'ctx') in rows
+    assert ('good', 'ctx') in rows and 'not decidable' in page, 'as in every interface'
+    assert 'U: k = 2; residual' in ' '.join(page.replace('\u00a0', ' ').split()), 'of the columns of the page alone'
     assert '#table-errors tr.row td:last-child { color: var(--level)' in page
     assert 'dotted: tolerances' in page and 'dotted' not in report_html(summary_of('clean'))
