@@ -18,7 +18,7 @@ from rosette_ros.core.run.errors import RosetteError, counted
 from rosette_ros.core.run.number_words import UNKNOWN
 from rosette_ros.core.run.records import Run
 from rosette_ros.io.identity_file import Identity
-from rosette_ros.io.log_reader import read_log, runs_in
+from rosette_ros.io.log_reader import read_log, runs_in, written
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.presentation.formatting import instant, micro
@@ -44,6 +44,7 @@ def run_runs(options: Namespace) -> None:
             step(path.name, 0)
             found.append(run_facts(path))
             step()
+    found.sort(key=lambda one: written(one['path']) if one['begun'] is None else one['begun'], reverse=True)
     if options.json:
         print_json({'schema': 'rosette-runs/1', 'folder': options.folder, 'runs': found})
         return
@@ -73,10 +74,11 @@ def runs_table(found: Sequence[dict[str, Any]], is_long: bool = False) -> Table:
 
 def run_facts(path: Path) -> dict[str, Any]:
     """Return what is known of one run, SI; problem: why it has no verdict, '' where it has one; is_run: whether it is a
-    run at all, sound or not; conformity: with all tolerances that its identity states, None without any.
+    run at all, sound or not; begun: s since the epoch, as its log or table says; conformity: with all tolerances that
+    its identity states, None without any.
 
     The verdict of its cell on the base model is taken from the log: to judge 20 runs anew takes half a minute."""
-    facts = dict[str, Any](path=str(path), is_run=True, run_id='', measured='', table='', order='', n=None,
+    facts = dict[str, Any](path=str(path), is_run=True, run_id='', begun=None, measured='', table='', order='', n=None,
                            readings=None, residual_m=None, conformity=None, **verdict_json(None), judged='', ended='',
                            problem='')
     try:
@@ -92,11 +94,12 @@ def run_facts(path: Path) -> dict[str, Any]:
 
 
 def _of_table(run: Run) -> dict[str, Any]:
-    return {**_measured(run), 'measured': '' if run.begun is None else _minute(round(1e9 * run.begun)),
-            **_judged(run, Identity(), None)}
+    return {**_measured(run), 'begun': run.begun,
+            'measured': '' if run.begun is None else _minute(round(1e9 * run.begun)), **_judged(run, Identity(), None)}
 
 
 def _of_log(log: LogRun, facts: dict[str, Any]) -> dict[str, Any]:
+    facts['begun'] = 1e-9 * log.start_ns if instant(log.start_ns) else None
     begun = [(name, run.targets[0].balls) for name, run in log.runs.items() if run.targets]
     if len(begun) == 1:
         (name, n), = begun

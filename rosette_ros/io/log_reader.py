@@ -359,7 +359,14 @@ def runs_in(folder: str | Path) -> list[Path]:
         parts = [path for path in found if path.suffix == '.mcap' and path.is_file()]
         if len(parts) > 1 and holds_log(Path(folder)):
             found = [Path(folder), *(path for path in found if path not in parts)]
-        return sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
+        return sorted(found, key=written, reverse=True)
+
+
+def written(path: str | Path) -> float:
+    """Return when the last file of a log, or a table, was written, s since the epoch: what is added to its folder later
+    is no part of it."""
+    files = [one for one in bag.files_in(Path(path)) if is_regular(one)] if Path(path).is_dir() else []
+    return max(one.stat().st_mtime for one in files or [Path(path)])
 
 
 def _is_run(path: Path) -> bool:

@@ -17,6 +17,7 @@ from terminal import Terminal
 
 from rosette_ros.analysis import analyse, conformity_of, judge
 from rosette_ros.invocation import program
+from rosette_ros.io.log_reader import runs_in
 from rosette_ros.io.open_run import open_run
 from rosette_ros.words.verdict_words import verdict_text
 
@@ -47,6 +48,27 @@ def test_runs_are_listed_with_their_verdicts(rosette, folder):
     [drift] = [line for line in lines if 'drift.csv' in line]
     assert 'effect found' in drift and f'{1e6 * found[0]["residual_m"]:.3f}' in drift
     assert 'most likely linear probe drift' in ' '.join(rosette('runs', folder, '--long').out.split())
+
+
+def test_a_run_stays_where_it_began_whatever_is_done_in_its_folder(rosette, tmp_path):
+    """A report beside the log of the older one, and its file copied later; a table without a date goes by its file."""
+    for name in ('log_left_out_n7_column', 'log_clean_n6_diagonal'):  # the second began first
+        shutil.copytree(GOLDEN / name, tmp_path / name)
+    (tmp_path / 'log_clean_n6_diagonal' / 'report.html').write_text('later')
+    for file in tmp_path.glob('*/*.mcap'):
+        os.utime(file, (2e9 + ('clean' in str(file)),) * 2)
+    os.utime(tmp_path / 'log_clean_n6_diagonal', (3e9, 3e9))
+    shutil.copy(simulated_table(), tmp_path / 'table.csv')
+    os.utime(tmp_path / 'table.csv', (1e9, 1e9))
+    found = json.loads(rosette('runs', tmp_path, '--json').out)['runs']
+    assert [Path(one['path']).name for one in found] == ['log_left_out_n7_column', 'log_clean_n6_diagonal', 'table.csv']
+    assert found[0]['begun'] > found[1]['begun'] and found[2]['begun'] is None
+    assert [path.name for path in runs_in(tmp_path)][-1] == 'table.csv'
+    later, earlier = tmp_path / 'log_left_out_n7_column', tmp_path / 'log_clean_n6_diagonal'
+    for when, folder in ((2e9, later), (1.9e9, earlier)):
+        for file in folder.glob('*.mcap'):
+            os.utime(file, (when, when))
+    assert [path.name for path in runs_in(tmp_path)][:2] == [later.name, earlier.name], 'not by the time of the folder'
 
 
 def test_a_file_that_is_no_run_is_told_on_request(rosette, folder):
