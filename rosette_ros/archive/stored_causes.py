@@ -13,11 +13,13 @@ from rosette_ros.core.joint.cell_rates import CellRates
 from rosette_ros.core.joint.run_causes import CauseShape, RunCauses
 from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.run.errors import InvalidData, counted
+from rosette_ros.core.run.errors import InvalidData, counted, unknown
 
 SCHEMA = 'rosette-run-causes/1'
 PLACES = 2
 """Decimals of log evidence and log likelihoods that are kept."""
+NAMED = {'cell': 'cell', 'table_serial': 'table'}
+"""Columns by which runs are asked for, in words."""
 _ROWS = '''SELECT causes, measured_at, table_serial, cmm_serial, cell FROM runs
     WHERE problem = '' AND causes <> '' AND model_hash = ? AND {where}
     QUALIFY row_number() OVER (PARTITION BY log_sha256, run_id ORDER BY added_at DESC) = 1 ORDER BY measured_at'''
@@ -69,7 +71,12 @@ def experience_of_cell(archive: RunArchive, cell: str = '', table: str = '') -> 
     where = ' AND '.join(f'{column} = ?' for column, _ in asked) or 'true'
     rows: Sequence[Mapping[str, Any]] = archive.query(
         _ROWS.format(where=where), (Model().hash, *(value for _, value in asked))).to_pylist()
-    who = ' and '.join(f'{"table" if column == "table_serial" else "cell"} {value}' for column, value in asked)
+    who = ' and '.join(f'{NAMED[column]} {value}' for column, value in asked)
+    for column, value in asked:
+        known = [one['name'] for one in archive.query(
+            f"SELECT DISTINCT {column} AS name FROM runs WHERE {column} <> '' ORDER BY 1").to_pylist()]
+        if known and value not in known:
+            raise InvalidData(f'{archive.folder}: {NAMED[column]}: {unknown(value, known)}')
     if len(rows) < 2:
         raise InvalidData(f'{archive.folder}: expected at least two runs of {who} with what they say of causes, found '
                           f'{counted(len(rows), "run")}; runs that were added before are added again with: rosette '

@@ -58,8 +58,12 @@ def test_rows_that_teach_nothing_are_refused(rows, tmp_path):
     """Too few, and of several tables."""
     archive = RunArchive(tmp_path / 'archive', make=True)
     archive.add([*rows[:2], {**rows[2], 'table_serial': 'T2'}])
-    with pytest.raises(InvalidData, match='expected at least two runs of cell b with what they say of causes, found 0'):
+    with pytest.raises(InvalidData, match='expected at least two runs of table T2 .* of causes, found 1 run'):
+        experience_of_cell(archive, table='T2')
+    with pytest.raises(InvalidData, match='archive: cell: expected one of a, found .b.'):
         experience_of_cell(archive, cell='b')
+    with pytest.raises(InvalidData, match='archive: table: expected one of T1, T2, found .T3.'):
+        experience_of_cell(archive, table='T3')
     with pytest.raises(InvalidData, match='expected runs of one table, found T1, T2 in cell a; name one with --table'):
         experience_of_cell(archive, cell='a')
     assert experience_of_cell(archive, table='T1').runs == 2
