@@ -9,13 +9,13 @@ from typing import Any
 
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, advise_run
 from rosette_ros.api.measurement import Measurement
-from rosette_ros.api.result import Result
+from rosette_ros.api.result import DrawnResult, plots
 from rosette_ros.core.joint.cell_diagnosis import CellCause, CellDiagnosis, diagnose_cell, refuse_unlike, searched
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.records import Run
 from rosette_ros.io.identity_file import Identity
-from rosette_ros.presentation.cell_results import cell_causes, cell_json, cell_runs
+from rosette_ros.presentation.cell_results import causes_in_runs, causes_of_runs, cell_causes, cell_json, cell_runs
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.words.cell_words import cell_words, order_words
 
@@ -24,7 +24,7 @@ OF_CELL = {'table.serial': 'table', 'cmm.serial': 'CMM'}
 _LOAD = re.compile(r'(?:^|[^\d.,\s]\s*)(\d+(?:[.,]\d{1,2})?)\s*kg')
 
 
-class CellDiagnosed(Result):
+class CellDiagnosed(DrawnResult):
     """What comes again in the runs of a cell, and what was there once; found: as the core has it."""
 
     def __init__(self, found: CellDiagnosis, first: Run) -> None:
@@ -52,7 +52,10 @@ class CellDiagnosed(Result):
         return (*cell_words(self.found), *(order_words(names, order) for order, names in self.orders))
 
     def tables(self) -> tuple[Table, ...]:
-        return cell_causes(self.found), cell_runs(self.found)
+        return cell_causes(self.found), causes_in_runs(self.found), cell_runs(self.found)
+
+    def draw(self) -> Any:
+        return plots('cell_plots').causes_against_runs(causes_of_runs(self.found))
 
 
 def diagnosed_cell(every: Sequence[Measurement], model: Model,

@@ -210,7 +210,7 @@ class Evaluation(DrawnResult):
         return in_notebook(self.draw(truth))
 
 
-class JointEvaluation(Result):
+class JointEvaluation(DrawnResult):
     """Several runs evaluated as one; result: as the core has it."""
 
     def __init__(self, result: JointResult, tolerances: Mapping[str, Tolerance], spheres: FourAxis) -> None:
@@ -232,6 +232,10 @@ class JointEvaluation(Result):
     def tables(self) -> tuple[Table, ...]:
         return (*joint_results.joint_errors(self.result, self.tolerances), joint_results.sharing_table(self.result),
                 *joint_results.joint_effects(self.result), *joint_results.joint_curves(self.result))
+
+    def draw(self) -> Any:
+        drawn = plots('result_plots')
+        return drawn.six_curves([drawn.Series(one.words, motions) for one, motions in self.result.curves])
 
 
 def evaluate(runs: Runs, model: ModelLike = None, *, inputs: Stated = None, environment: str | None = None,

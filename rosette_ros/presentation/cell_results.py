@@ -73,14 +73,31 @@ def cell_causes(found: CellDiagnosis) -> Table:
         levels=tuple('strong' if kind == KINDS[0] else '' for kind, _ in every)) if every else Table('cell', '', ())
 
 
-def cell_runs(found: CellDiagnosis) -> Table:
+def causes_in_runs(found: CellDiagnosis) -> Table:
     """Return each cause in each run, a row for each run: probability, by that run alone, size with U."""
-    causes = [one for kind, one in every_cause(found) if kind != KINDS[2]]
-    return Table('cell_runs', 'The causes in each run', (
+    causes = _in_runs(found)
+    return Table('causes_in_runs', 'The causes in each run', (
         words('run', 'run', found.runs),
         *(words(f'cause{place}', law_words(one.name), map(_in_run, one.in_runs)) for place, one in enumerate(causes, 1))
         ), note='Probability with what the other runs say (by this run alone); rms displacement over all coordinates '
         f'with U (k = {COVERAGE_FACTOR}); –: this run says nothing of it')
+
+
+def cell_runs(found: CellDiagnosis) -> Table:
+    """Return each cause in each run as numbers, a row for each cause and run, for files: where a run says nothing of a
+    cause, only which they are."""
+    every = [(run, cause.name, one) for cause in _in_runs(found) for run, one in zip(found.runs, cause.in_runs)]
+    return Table('cell_runs', 'The causes in each run', (
+        column('run', '', [run for run, _, _ in every]), column('effect', '', [name for _, name, _ in every]),
+        column('probability', '', [one.p if one.judged else math.nan for _, _, one in every]),
+        column('alone', '', [one.alone if one.judged else math.nan for _, _, one in every]),
+        column('size_um', '', [1e6 * one.size for _, _, one in every], unit='µm'),
+        column('u_um', '', [1e6 * one.u for _, _, one in every], unit='µm')))
+
+
+def _in_runs(found: CellDiagnosis) -> list[CellCause]:
+    """Return the causes that are told of each run."""
+    return [one for kind, one in every_cause(found) if kind != KINDS[2]]
 
 
 def _in_run(one: CauseInRun) -> str:

@@ -124,6 +124,8 @@ def test_several_runs_are_evaluated_as_one(table, tmp_path, capsys):
     made = rosette.evaluate([table, other])
     assert made.json() + '\n' == printed(capsys, 'evaluate', table, other, '--joint', '--json')
     assert made.curves.to_frame().shape == (6, 13)
+    made.save_plot(tmp_path / 'curves.png')
+    assert (tmp_path / 'curves.png').stat().st_size and len(made.plot().axes) == 6
 
 
 @pytest.mark.usefixtures('sketched')

@@ -45,10 +45,21 @@ def test_screen_shows_causes_and_runs(rosette, runs):
         assert words in ' '.join(answer.out.split())
 
 
-def test_python_gives_the_same(runs):
+def test_python_gives_the_same(runs, tmp_path):
     """A list of runs is diagnosed as a cell."""
     found = rosette_ros.diagnose(list(runs[:2]))
     assert [one.name for one in found.causes][:1] and found.to_mapping()['schema'] == 'rosette-cell-diagnosis/1'
+    told = [one for one in found.to_mapping()['causes'] if one['kind'] != 'possible']
+    frame = found.to_frame('cell_runs')
+    assert list(frame) == ['run', 'effect', 'probability', 'alone', 'size_um', 'u_um']
+    assert len(frame) == 2 * len(told) and frame.attrs['units'] == {'size_um': 'µm', 'u_um': 'µm'}
+    first, [line, *_] = frame.iloc[0], told[0]['runs']
+    assert (first['run'], first['effect']) == (line['run'], told[0]['laws'][0]['effect'])
+    for key, wanted in (('probability', line['probability']), ('alone', line['alone']),
+                        ('size_um', 1e6 * line['size_m']), ('u_um', 0.5e6 * line['U_m'])):
+        assert first[key] == pytest.approx(wanted)
+    found.save_plot(tmp_path / 'causes.png')
+    assert (tmp_path / 'causes.png').stat().st_size and found.plot().axes[0].collections
 
 
 def test_the_same_run_twice_is_refused(refused, runs):

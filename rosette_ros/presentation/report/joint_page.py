@@ -19,7 +19,13 @@ from rosette_ros.io.log_reader import find_files
 from rosette_ros.io.open_run import has_plate, is_log, open_readings
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation import joint_results as results
-from rosette_ros.presentation.cell_results import causes_of_runs, cell_causes, cell_runs, every_cause
+from rosette_ros.presentation.cell_results import (
+    causes_in_runs,
+    causes_of_runs,
+    cell_causes,
+    cell_runs,
+    every_cause,
+)
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows, signer, simulated_words
 from rosette_ros.presentation.plots.cell_plots import causes_against_runs
 from rosette_ros.presentation.plots.result_plots import Extra, Series, six_curves
@@ -93,7 +99,7 @@ def joint_tables(result: JointResult, identity: Identity, cell: CellDiagnosis | 
     """Return the tables of a joint evaluation: errors, what is shared, means of reversals, curves, deviations, causes
     of the cell."""
     tolerances = identity.limits(result.solution.model.runs[0].rotation)
-    causes = (cell_causes(cell), cell_runs(cell)) if cell and every_cause(cell) else ()
+    causes = (cell_causes(cell), causes_in_runs(cell), cell_runs(cell)) if cell and every_cause(cell) else ()
     return (*results.joint_errors(result, tolerances), results.sharing_table(result),
             *results.joint_effects(result), *results.reversal_means(result), *results.joint_curves(result),
             *results.joint_deviations(result), *causes)
