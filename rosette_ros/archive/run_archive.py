@@ -201,7 +201,7 @@ class RunArchive:
             paths = [str(path) for path in parts]
             if files := [re.sub(r'([*?[])', r'[\1]', path) for path in paths]:  # DuckDB takes them as patterns
                 base.register('parts', base.read_parquet(files, union_by_name=True))
-            base.execute('SET allowed_paths = $1', [paths])
+            base.execute('SET allowed_paths = $1', [[*paths, *files]])
             base.execute('SET enable_external_access = false; SET lock_configuration = true')
             for name, text in views.items():
                 base.execute(f'CREATE TEMP VIEW {name} AS {text}')

@@ -10,6 +10,7 @@ from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.recovered_shape import Shape, ShapeCurve
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.messages import Phase, Target
+from rosette_ros.presentation.cell_results import CauseDot, CausesOfRuns
 from rosette_ros.presentation.formatting import signed
 from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.simulation import Machine, MachineConfig
@@ -199,7 +200,8 @@ def test_a_shape_has_a_panel_for_each_axis():
 
 def test_causes_stand_against_runs_by_probability_and_size():
     """The area of a dot is the probability; those that a run does not name are a trace of their own, open."""
-    figure = causes_figure(['drift', 'backlash'], ['a', 'b'], [(0, 0, 1.0, 0.5), (0, 1, 0.25, None), (1, 1, 0.81, 2.0)])
+    figure = causes_figure(CausesOfRuns(('drift', 'backlash'), ('a', 'b'), (
+        CauseDot(0, 0, 1.0, 5e-7), CauseDot(0, 1, 0.25), CauseDot(1, 1, 0.81, 2e-6))))
     named, others = figure['data']
     assert (named['x'], named['y'], named['marker']['color']) == ([0, 1], [0, 1], [0.5, 2.0])
     assert np.square(named['marker']['size']) / named['marker']['size'][0]**2 == pytest.approx([1.0, 0.81])
