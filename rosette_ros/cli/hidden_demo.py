@@ -95,7 +95,7 @@ def show_runs(out: Console, paths: Sequence[Path]) -> None:
     every = [shown(path) for path in paths]
     out.print(f'\n{len(every)} runs of one machine. To find out what comes again in them:')
     out.print(f'  {escape(command("diagnose", *every))}', soft_wrap=True)
-    out.print('The envelope of run 1, beside what is found in run 1 alone; every run has its own:\n'
+    out.print('The envelope of run 1, beside what is found in run 1 alone:\n'
               f'  {escape(command("envelope", every[0]))}', soft_wrap=True)
 
 

@@ -167,6 +167,13 @@ def test_pictures_can_be_read_aloud_and_searched(drift_page):
     assert 'table angle in degrees' in read.texts['curves']
 
 
+@pytest.mark.parametrize('kind', ['table', 'card'])
+def test_what_scrolls_is_reached_by_the_keyboard(drift_page, kind):
+    """Tables and pictures do, on a telephone; each says what it is."""
+    places = [found for tag, found in Page(drift_page).elements if kind in found.get('class', '').split()]
+    assert places and all(found['tabindex'] == '0' and found['aria-label'] for found in places)
+
+
 def test_twelve_balls_stay_below_five_megabytes():
     """The whole page."""
     assert len(report_html(summary_of('drift', 12), annexed=True).encode()) < 5e6

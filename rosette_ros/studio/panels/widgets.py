@@ -133,14 +133,14 @@ def plain_table(table: Table, icons: Sequence[str] = (), levels: Sequence[str] =
     """Show a table; icons: one in front of each row; levels: their colours; as_cards: a row is a card on a telephone.
     """
     looks = 'plain-table as-cards' if as_cards else 'plain-table'
-    with ui.element('div').classes('scroll'), \
+    with ui.element('div').classes('scroll').props('tabindex=0'), \
             ui.element('table').classes(looks).props(f'aria-label="{table.title}"'):
         rows = [('th', [column.head for column in table.shown]), *(('td', row) for row in table.rows),
                 *(('th', row) for row in table.footer)]
         for place, (tag, row) in enumerate(rows):
             with ui.element('tr').classes('' if tag == 'td' else 'heads'):
                 if icons:
-                    with ui.element(tag):
+                    with ui.element('td'):
                         ui.icon(icons[place - 1] if tag == 'td' else '').props('aria-hidden=true').classes(
                             f'state {levels[place - 1]}' if levels and tag == 'td' else '')
                 for column, text in zip(table.shown, row, strict=True):
