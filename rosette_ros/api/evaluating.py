@@ -226,8 +226,9 @@ class JointEvaluation(DrawnResult):
 
     @property
     def curves(self) -> ErrorCurves:
-        """The curves of the first table, in its first sense of turning; `result.curves` has all."""
-        return ErrorCurves(self.result.curves[0][1])
+        """The curves of the first table, in its first sense of turning, as the title says; `result.curves` has all."""
+        (first, motions), *others = self.result.curves
+        return ErrorCurves(motions, first.words if others else '')
 
     def tables(self) -> tuple[Table, ...]:
         return (*joint_results.joint_errors(self.result, self.tolerances), joint_results.sharing_table(self.result),

@@ -123,7 +123,10 @@ def test_several_runs_are_evaluated_as_one(table, tmp_path, capsys):
     rosette.simulate(machine(seed=4, hidden=()), 'row').write(other)
     made = rosette.evaluate([table, other])
     assert made.json() + '\n' == printed(capsys, 'evaluate', table, other, '--joint', '--json')
-    assert made.curves.to_frame().shape == (6, 13)
+    frame = made.curves.to_frame()
+    assert frame.shape == (6, 13)
+    (first, _), *others = made.result.curves
+    assert others and first.words in frame.attrs['title'] and 'clockwise' in first.words
     made.save_plot(tmp_path / 'curves.png')
     assert (tmp_path / 'curves.png').stat().st_size and len(made.plot().axes) == 6
 
