@@ -47,8 +47,8 @@ LIBRARY: dict[str, tuple[Names, Variables]] = {
 }
 """Of each effect what moves, and its variables, alternatives; a single wrong reading has none."""
 COMPOSED: dict[str, tuple[Names, Variables]] = {
-    f'{part}_{course}': (body, said(variable)) for part, body in (
-        ('table_zero', TURN), ('axis_tilt', AXIS), ('plate_tilt', TILT), ('plate_slide', PLATE),
+    f'{part}_{course}': (body, said(f'ball + {variable}' if part == 'plate_warp' else variable)) for part, body in (
+        ('table_zero', TURN), ('axis_tilt', AXIS), ('plate_tilt', TILT), ('plate_slide', PLATE), ('plate_warp', Z),
         ('plate_growth', GROWTH), ('plate_oval', OVAL), ('cmm_scale', SCALES), ('cmm_squareness', SCALES))
     for courses, variable in (('drift warmup onset cycle step pulse recovery', 'time'),
                               ('temperature lag', 'temperature'), ('asynchronous', 'travel'))

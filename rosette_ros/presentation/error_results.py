@@ -64,7 +64,7 @@ def errors(lines: Sequence[AxisError], title: str = TITLE.format('rotary table')
         column('unit', '', [one.unit for one in scales]),
         micro('range_in_unit', 'range', [line.range for line in lines]),
         micro('U_range_in_unit', 'U of the range', [line.expanded for line in lines], '±'),
-        micro('U_point_in_unit', 'largest U of a point', [COVERAGE_FACTOR * line.u_point for line in lines], '±'),
+        micro('U_point_in_unit', 'largest U of the curve', [COVERAGE_FACTOR * line.u_point for line in lines], '±'),
         micro('once_per_turn_in_unit', 'fundamental error motion', [line.once_per_turn for line in lines]),
         micro('residual_in_unit', 'residual synchronous error motion', [line.residual for line in lines]),
         *((micro('asynchronous_in_unit', 'asynchronous error motion', [line.asynchronous for line in lines]),

@@ -37,8 +37,8 @@ def machine_run(order='random', seed=1, n=8, hidden=(), turning='forward', **gro
 
 HOUR = 3600.0
 HIDDEN = {
-    'frame_drift': ({'rate_um_per_h': [0.8, 0.0, 0.6]}, {
-        'd_x': 0.8e-6 / HOUR, 'd_y': 0.0, 'd_z': 0.6e-6 / HOUR}),
+    'frame_drift': ({'rate_um_per_h': [0.4, 0.0, 0.3]}, {
+        'd_x': 0.4e-6 / HOUR, 'd_y': 0.0, 'd_z': 0.3e-6 / HOUR}),
     'frame_cycle': ({'cosine_um': [0.2, 0.0, 0.1], 'period_min': 17.0}, {'period': 17 * 60.0}),
     'table_zero_drift': ({'rate_urad_per_h': 3.0}, {}),
     'plate_creep': ({'rate_um_per_h': [0.5, -0.4, 0.0]}, {}),
@@ -53,9 +53,9 @@ def hidden(kind):
 
 def test_the_hidden_effect_is_named():
     """What the machine hides is named alone, with its numbers, a small probability of noise, and what is left is noise:
-    109 degrees of freedom, sigma to 7 %."""
+    301 degrees of freedom, sigma to 4 %."""
     for kind, (_, truth) in HIDDEN.items():
-        found = diagnose(machine_run(hidden=hidden(kind)))
+        found = diagnose(machine_run(n=12, hidden=hidden(kind)))
         assert found.missing == (kind,) and not found.unexplained
         top = found.candidates[0]
         assert top.name == kind and top.claimed and top.p < 1e-3 and top.is_there > 0.7

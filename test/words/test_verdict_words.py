@@ -161,7 +161,7 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     significant is said of its axes; what a run cannot tell apart is said once."""
     text = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (slip(),), hidden=('table_backlash',)))
     assert text.sentence == (
-        'Ball 11 moves with time (99 %), most likely slip of one ball (96 %), creep of one ball (4 %). With it the '
+        'Ball 11 moves with time (99 %), most likely slip of one ball (96 %). With it the '
         'residual standard deviation falls from 0.360 µm to 0.102 µm (repeatability 0.0910 µm).')
     assert text.limits == ('This run cannot distinguish slip of one ball from loose ball (5 %).',
                            'This run could not have shown backlash of the table.')
