@@ -10,6 +10,7 @@ from page_reader import Page
 from summaries import summary_of
 
 from rosette_ros.analysis import Summary, summarise
+from rosette_ros.core.diagnosis.run_result import RunResult
 from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.identity_file import parse_identity
@@ -52,7 +53,7 @@ def page(request, drift_page, clean_page):
     """One page of each kind."""
     if request.param == 'verification':
         summary = summary_of('clean')
-        return verification_html(verify([(summary.fit, Source('<b>', ()))] * 4), annexed=True)
+        return verification_html(verify([(RunResult(summary.fit), Source('<b>', ()))] * 4), annexed=True)
     return drift_page if request.param == 'drift' else clean_page
 
 
