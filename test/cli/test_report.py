@@ -83,7 +83,7 @@ def test_several_runs_as_one(rosette, here):
     assert 'The 2 runs fit one model' in answer.out and 'joint.html' in answer.out
     page = (here / 'joint.html').read_text(encoding='utf-8')
     assert all(words in page for words in ('share.yaml', paths[0].name, 'Reversal of the table', 'Causes against runs',
-                                           'Nothing comes again in these 2 runs.'))
+                                           'Nothing that these 2 runs can show comes again.'))
     assert {file.name for file in (here / 'figures').iterdir()} == {'curves.svg', 'reversal.svg'}
     assert 'table_clockwise.csv' in {file.name for file in (here / 'tables').iterdir()}
 

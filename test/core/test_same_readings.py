@@ -4,6 +4,7 @@
 import numpy as np
 
 from rosette_ros.core.run.same_readings import in_common, is_once_more
+from rosette_ros.core.run.scheme import plan
 
 CENTRES = np.random.default_rng(1).uniform(-0.2, 0.2, (36, 3))
 
@@ -23,3 +24,12 @@ def test_another_run_is_not():
     noise = np.random.default_rng(2).normal(0, 1e-7, CENTRES.shape)
     assert in_common(CENTRES, CENTRES + noise) == 0 and not is_once_more(CENTRES, CENTRES + noise)
     assert not is_once_more(CENTRES, CENTRES[np.random.default_rng(3).permutation(36)])
+
+
+def test_readings_without_noise_in_two_orders_are_two_runs():
+    """Whichever is given first: of one in the order of the other most steps rise, but no long row of them does."""
+    off = np.random.default_rng(4).uniform(-1e-6, 1e-6, (12, 12, 3))
+    one, other = (made.centres(0.18) + off[made.table_position - 1, made.ball - 1]
+                  for made in (plan(12, 'diagonal'), plan(12, 'column')))
+    assert in_common(one, other) == in_common(other, one) < 72
+    assert not is_once_more(one, other) and not is_once_more(other, one)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings that two runs have in common: of the same run, given twice, the noise would count as that of two."""
 
+from bisect import bisect_left
+
 import numpy as np
 import scipy  # which loads its parts where they are used
 
@@ -11,8 +13,11 @@ def in_common(one: Floats, other: Floats) -> int:
     """Return how many ball centres, (n, 3) and (m, 3), m, are in both, in the same order."""
     short, long = (one, other) if len(one) < len(other) else (other, one)
     apart, nearest = scipy.spatial.cKDTree(long).query(short, p=np.inf)
-    places = np.asarray(nearest)[apart < SAME_READING]
-    return int(places.size and 1 + np.count_nonzero(np.diff(places) > 0))
+    rising = list[int]()  # the least last place of a row of each length: what is in the same order both ways
+    for place in np.asarray(nearest)[apart < SAME_READING].tolist():
+        at = bisect_left(rising, place)
+        rising[at:at + 1] = [place]
+    return len(rising)
 
 
 def is_once_more(one: Floats, other: Floats) -> bool:
