@@ -314,7 +314,7 @@ def test_what_else_a_stranger_publishes_changes_nothing(cell, client, stranger, 
 def test_a_second_server_of_the_action_is_refused(cell, client, stranger, undisturbed, wait_until):
     """Either could take the goal and say how it ended."""
     server = ActionServer(stranger.node, Calibrate, '/rosette/calibrate', lambda handle: Calibrate.Result(success=True))
-    wait_until(lambda: client._servers.refusal())
+    wait_until(lambda: '/rosette/sequencer' in client._servers.refusal())  # names come later than servers
     with pytest.raises(CellError, match=r'2 nodes offer /rosette/calibrate/_action/send_goal '
                        r'\(/elsewhere/stranger and /rosette/sequencer\); end that one'):
         client.calibrate()
