@@ -101,7 +101,11 @@ class Parser(argparse.ArgumentParser):
         """Raise UsageError instead of printing the usage over several lines."""
         words = message.removeprefix('unrecognized arguments: ').split()
         if message.startswith('unrecognized') and (asked := next((one for one in words if one[0] == '-'), '')):
-            raise UsageError(unknown_name('option', asked.partition('=')[0], self.options(), f'{self.prog} --help'))
+            name, known = asked.partition('=')[0], self.options()
+            if name in known:
+                raise UsageError(f'{name}: expected an option of this verb, found one of another; the verb with --help '
+                                 'lists its own')
+            raise UsageError(unknown_name('option', name, known, f'{self.prog} --help'))
         raise UsageError(f'{message} (see {self.prog} --help)')
 
     def options(self) -> list[str]:

@@ -27,6 +27,8 @@ SOURCE = 'this needs ROS 2: source the set-up file of ROS 2 and of the workspace
     (('xyz',), "Unknown verb 'xyz'. rosette --help lists them."),
     (('evaluate', 'run.csv', '--jsn'), "Unknown option '--jsn'. Did you mean --json?"),
     (('dme', 'check', '--jsn'), "Unknown option '--jsn'. Did you mean --json?"),
+    (('archive', 'add', 'logs', '--into', 'arc', '--cell', 'a'),
+     '--cell: expected an option of this verb, found one of another; the verb with --help lists its own'),
     (('effects', 'backlash'), "Unknown effect 'backlash'. Did you mean table_backlash?"),
     (('effects', 'table_motion'), "Unknown effect 'table_motion'. Did you mean table_motions?"),
     (('add', 'noise.tails', '--model', 'no.yaml'), "Unknown effect 'noise.tails'. Did you mean noise.tail?"),
