@@ -20,14 +20,23 @@ class _Pickler(pickle.Pickler):
         super().__init__(stream, protocol=5)
         self._names = {id(one): name for name, one in _given(run).items()}
 
-    def persistent_id(self, one):
-        return self._names.get(id(one))
+    def reducer_override(self, one):
+        """Name what is given; unlike persistent_id, this is not asked about every number and text."""
+        return (_known, (self._names[id(one)],)) if id(one) in self._names else NotImplemented
+
+
+def _known(name):
+    """Stand in a file for what is given under a name."""
+    raise NotImplementedError(name)
 
 
 class _Unpickler(pickle.Unpickler):
     def __init__(self, stream, run):
         super().__init__(stream)
-        self.persistent_load = _given(run).__getitem__
+        self._given = _given(run)
+
+    def find_class(self, module, name):
+        return self._given.__getitem__ if name == _known.__name__ else super().find_class(module, name)
 
 
 def _given(run):
@@ -46,6 +55,10 @@ class KnownSearches:
         """Return the search on a run, made or known."""
         about = pickle.dumps((vars(run.replace(source='')), model, without))
         path = self._folder / hashlib.sha256(about).hexdigest()
+        if known := self._kept.get(path):
+            if known[0].source == run.source:
+                return known[1]
+            self.keep()
         if path.exists():
             with open(path, 'rb') as stream:
                 search = _Unpickler(stream, run).load()
