@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Searches for what models lack, kept for all workers: what interfaces say of a run is told of one search.
 
-A search is kept without its run and completed with the run at hand, whose file, on which no number depends, may be
-another one. Tests of the search itself (core, blind) search.
+A search is kept without its run and completed with the run at hand, whose file and name, on which no number depends,
+may be others. Tests of the search itself (core, blind) search.
 """
 
 import hashlib
@@ -53,10 +53,10 @@ class KnownSearches:
 
     def search(self, run, model, without=''):
         """Return the search on a run, made or known."""
-        about = pickle.dumps((vars(run.replace(source='')), model, without))
+        about = pickle.dumps((vars(run.replace(source='', run_id='', notes=())), model, without))
         path = self._folder / hashlib.sha256(about).hexdigest()
         if known := self._kept.get(path):
-            if known[0].source == run.source:
+            if known[0] == run:
                 return known[1]
             self.keep()
         if path.exists():

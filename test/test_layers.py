@@ -76,21 +76,28 @@ def tree_of(path):
     return ast.parse(path.read_text(encoding='utf-8'))
 
 
+@cache
+def nodes(tree):
+    """Return all nodes of a syntax tree, which is walked once for all rules."""
+    return tuple(ast.walk(tree))
+
+
 def module_of(path):
     """Return the full name of a file's module; a package is called as its folder."""
     return '.'.join(('rosette_ros', *path.relative_to(PACKAGE).with_suffix('').parts)).removesuffix('.__init__')
 
 
+@cache
 def imports(tree):
     """Return the full names of what a file imports, relative ones with a leading dot."""
     names = set()
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             module = '.' * node.level + (node.module or '')
             names |= {module} | {f'{module}.{alias.name}' for alias in node.names}
-    return names
+    return frozenset(names)
 
 
 def own(names):
@@ -117,17 +124,19 @@ def outside_of_core(tree):
     tops = {name.split('.')[0] for name in imports(tree)}
     foreign = {top for top in tops - {'numpy', 'scipy', 'rosette_ros'} if top not in sys.stdlib_module_names}
     worldly = tops & {'os', 'io', 'pathlib', 'time', 'datetime', 'logging', 'subprocess'}
-    calls = {node.func.id for node in ast.walk(tree)
+    calls = {node.func.id for node in nodes(tree)
              if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
     return sorted(foreign | worldly | (calls & {'print', 'open', 'input', 'eval', 'exec'}))
 
 
 def nested_imports(tree):
     """Return the lines of imports inside functions: they hide an arrow."""
-    return sorted({node.lineno for function in ast.walk(tree)
-                   if isinstance(function, (ast.FunctionDef, ast.AsyncFunctionDef))
-                   for node in ast.walk(function)
-                   if isinstance(node, (ast.Import, ast.ImportFrom))})
+    outside = [tree]
+    for node in outside:
+        outside.extend(child for child in ast.iter_child_nodes(node)
+                       if not isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)))
+    inside = {node for node in nodes(tree) if isinstance(node, (ast.Import, ast.ImportFrom))}.difference(outside)
+    return sorted(node.lineno for node in inside)
 
 
 def mcap_imports(tree):
@@ -142,7 +151,7 @@ def scipy_imports(tree):
 
 def texts(tree):
     """Return the texts in a file: a module may be imported by its name."""
-    return {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    return {node.value for node in nodes(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
 
 def classes(tree):
@@ -251,8 +260,8 @@ def decided_by_sentences(tree, known):
         return ((isinstance(node, ast.Constant) and isinstance(node.value, str) and bool(SENTENCE.search(node.value)))
                 or (isinstance(node, ast.JoinedStr) and any(map(is_sentence, node.values)))
                 or (isinstance(node, ast.Name) and node.id in known))
-    asked = [(node.lineno, [*node.comparators, node.left]) for node in ast.walk(tree) if isinstance(node, ast.Compare)]
-    asked += [(node.lineno, node.args) for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(
+    asked = [(node.lineno, [*node.comparators, node.left]) for node in nodes(tree) if isinstance(node, ast.Compare)]
+    asked += [(node.lineno, node.args) for node in nodes(tree) if isinstance(node, ast.Call) and isinstance(
         node.func, ast.Attribute) and node.func.attr in LOOKS_INTO]
     return sorted({line for line, others in asked if any(map(is_sentence, others))})
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from lxml import etree
-from test_one_verdict import KINDS, studio_words
+from test_one_verdict import studio_words, table_of
 
 from rosette_ros.analysis import RunResult, Which, result, summarise
 from rosette_ros.certificate.dcc import DCC, SI, to_xml
@@ -20,7 +20,6 @@ from rosette_ros.cli.main import main
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.records import CURVES, SI_UNITS
 from rosette_ros.core.uncertainty.error_summary import peak_to_valley
-from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.io.open_run import open_run
@@ -41,10 +40,9 @@ LACKS = 3
 
 
 @pytest.fixture(params=EXPECTED)
-def run_file(request, tmp_path):
+def run_file(request):
     """Return the path of the table of a run, its result, and whether something is missing."""
-    path = tmp_path / 'run.csv'
-    write_csv(KINDS[request.param][0](), path)
+    path = table_of(request.param)
     found = result(open_run(path))
     assert found.curves.which is EXPECTED[request.param]
     return path, found, found.beside is not None

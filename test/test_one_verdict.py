@@ -2,11 +2,14 @@
 """One run, one verdict: every interface states the same outcome in the same sentence."""
 
 import asyncio
+import functools
 import json
 import re
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from html import unescape
+from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -68,6 +71,15 @@ KINDS = {
     'no repeatability': (lambda: clean().replace(repeatability=None), {Outcome.NO_REPEATABILITY}),
     'hidden effect, no repeatability': (lambda: clean(DRIFT).replace(repeatability=None), {Outcome.NAMED}),
 }
+_FOLDER = tempfile.TemporaryDirectory(prefix='rosette_kinds_')
+
+
+@functools.cache
+def table_of(kind):
+    """Return the path of the table of a run of a kind."""
+    path = Path(_FOLDER.name) / f'{kind}.csv'
+    write_csv(KINDS[kind][0](), path)
+    return path
 
 
 def verbs(path, capsys):
@@ -89,15 +101,13 @@ def studio(run):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_every_interface_states_one_verdict(kind, tmp_path, capsys):
+def test_every_interface_states_one_verdict(kind, capsys):
     """Verbs, JSON, message and studio; the levels follow from the outcome."""
-    make, outcomes = KINDS[kind]
-    path = tmp_path / 'run.csv'
-    write_csv(make(), path)
+    path = table_of(kind)
     run = open_run(path)
     verdict = judge(run)
     text = verdict_text(verdict)
-    assert verdict.outcome in outcomes
+    assert verdict.outcome in KINDS[kind][1]
     assert (verdict.level == Level.GOOD) == (verdict.outcome == Outcome.FITS)
     for verb, found in verbs(path, capsys):
         if isinstance(found, str):
@@ -118,7 +128,7 @@ def test_every_interface_states_one_verdict(kind, tmp_path, capsys):
 @pytest.mark.parametrize('kind', ['hidden effect', 'repeatability of half the noise', 'no repeatability'])
 def test_the_report_states_the_verdict(kind):
     """Its mark shows the level, its sentence and action are those of the summary."""
-    run = KINDS[kind][0]()
+    run = open_run(table_of(kind))
     summary, verdict = summarise(run, has_ladder=False), judge(run)
     assert summary.verdict == verdict
     page = report_html(summary).replace('\u00a0', ' ')
@@ -129,10 +139,9 @@ def test_the_report_states_the_verdict(kind):
 
 @pytest.mark.usefixtures('sketched')
 @pytest.mark.parametrize('kind', ['hidden effect', 'incomplete'])
-def test_every_interface_shows_the_same_numbers(kind, tmp_path, capsys):
+def test_every_interface_shows_the_same_numbers(kind, capsys):
     """Six errors and curves with U as modelled and, where a cause is missing, of the result: verbs, report, studio."""
-    path = tmp_path / 'run.csv'
-    write_csv(KINDS[kind][0](), path)
+    path = table_of(kind)
     summary = summarise(open_run(path), has_ladder=False)
     result, every = summary.result, errors_of(summary.result)
     fits = {'': result.modelled, 'result': result.curves}
@@ -198,7 +207,7 @@ def test_a_combination_and_what_is_left_stand_in_the_sentence():
 
 def test_an_unknown_repeatability_is_said_where_an_effect_is_named():
     """The name rests on the structure of the residual."""
-    sentence = verdict_text(judge(clean(DRIFT).replace(repeatability=None))).sentence
+    sentence = verdict_text(judge(open_run(table_of('hidden effect, no repeatability')))).sentence
     assert 'most likely linear probe drift (' in sentence
     assert 'rests on the structure of the residual alone' in sentence
 

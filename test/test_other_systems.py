@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_layers import FILES, PACKAGE, ROS, WITHOUT_ROS, layer, module_of
+from test_layers import FILES, PACKAGE, ROS, WITHOUT_ROS, layer, module_of, nodes, tree_of
 
 from rosette_ros.cli.main import main
 from rosette_ros.core.run.scheme import plan
@@ -97,7 +97,7 @@ def test_commands_are_quoted_as_their_shell_takes_them(monkeypatch):
 
 def opened_without_encoding(tree):
     """Return the lines where text is read or written in the encoding of the system."""
-    return [call.lineno for call in ast.walk(tree) if isinstance(call, ast.Call) and (
+    return [call.lineno for call in nodes(tree) if isinstance(call, ast.Call) and (
         (isinstance(call.func, ast.Attribute) and call.func.attr in ('read_text', 'write_text')
          and isinstance(call.func.value, ast.Name | ast.Call | ast.BinOp | ast.Attribute)
          and len(call.args) < (1 if call.func.attr == 'read_text' else 2)
@@ -110,7 +110,7 @@ def opened_without_encoding(tree):
 def test_text_has_its_encoding():
     """In the whole package: that of Windows is none that a log or a table has."""
     found = {path.relative_to(PACKAGE).as_posix(): lines for path in FILES
-             if (lines := opened_without_encoding(ast.parse(path.read_text(encoding='utf-8'))))}
+             if (lines := opened_without_encoding(tree_of(path)))}
     assert found == {}
 
 

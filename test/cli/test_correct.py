@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from rosette_ros.cli.main import main
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
@@ -129,8 +130,8 @@ def test_a_table_of_ball_centres_is_no_correction(refused, measure):
 
 def test_both_senses_of_turning_get_their_own_curves(rosette, tmp_path):
     """From two runs of one table, one clockwise, evaluated as one."""
-    config = machine_config({**MACHINE, 'plate': {'balls': 12}})
-    paths, forward = [tmp_path / '1.csv', tmp_path / '2.csv'], plan(12, 'diagonal')
+    config = machine_config({**MACHINE, 'probing': {'repeatability_um': 0.05}})
+    paths, forward = [tmp_path / '1.csv', tmp_path / '2.csv'], plan(8, 'diagonal')
     back = replace(forward, table_position=forward.table_position[::-1], ball=forward.ball[::-1],
                    approach=-forward.approach)
     for path, scheme in zip(paths, (forward, back)):
@@ -149,34 +150,38 @@ def test_both_senses_of_turning_get_their_own_curves(rosette, tmp_path):
     assert np.abs(correction.backward.values - correction.forward.values).max() < 1e-6  # one table without backlash
 
 
-@pytest.fixture
-def in_senses(tmp_path):
-    """Return a function that measures a table with backlash: forward (1), backward (-1) or in both senses (0)."""
-    def run(name, sense, seed, **settings):
-        config = machine_config({**MACHINE, 'hidden': [{'kind': 'table_backlash', 'width_urad': 6.0}], 'seed': seed,
-                                 'table': {**MACHINE['table'], **settings}})
-        machine, path, forward = Machine(config), tmp_path / f'{name}.csv', plan(8, 'diagonal')
-        machine.run(forward)
-        scheme = plan(8, 'there_and_back') if sense == 0 else replace(forward, approach=sense * forward.approach)
-        write_csv(machine.run(scheme, run_id=name), path)
-        return path
-    return run
+def in_sense(path, sense, **settings):
+    """Measure a table with backlash forward (1), backward (-1) or in both senses (0); return the path of the table."""
+    machine = Machine(machine_config({**MACHINE, 'hidden': [{'kind': 'table_backlash', 'width_urad': 6.0}],
+                                      'table': {**MACHINE['table'], **settings}}))
+    forward = plan(8, 'diagonal')
+    machine.run(forward)
+    scheme = plan(8, 'there_and_back') if sense == 0 else replace(forward, approach=sense * forward.approach)
+    write_csv(machine.run(scheme, run_id=path.stem), path)
+    return path
 
 
-@pytest.mark.parametrize('sense', [1, -1, 0])
-def test_a_correction_for_both_senses_is_verified_in_that_of_the_run(rosette, in_senses, tmp_path, sense):
+@pytest.fixture(scope='module')
+def senses(tmp_path_factory):
+    """Return the paths of a run in each sense and in both, of a sharing file that says that all frames are one, and of
+    the correction by the first two with it."""
+    folder = tmp_path_factory.mktemp('senses')
+    made = {name: in_sense(folder / f'{name}.csv', sense) for name, sense in (('fw', 1), ('bw', -1), ('both', 0))}
+    made |= {'share': folder / 'share.yaml', 'correction': folder / 'c.yaml'}
+    made['share'].write_text('schema: rosette-sharing/1\nframe: shared\n')
+    assert main(['correct', *(str(made[name]) for name in ('fw', 'bw')), '--share', str(made['share']), '-o',
+                 str(made['correction'])]) == 0
+    return made
+
+
+@pytest.mark.parametrize(('sense', 'before'), [(1, 'fw'), (-1, 'bw'), (0, 'both')])
+def test_a_correction_for_both_senses_is_verified_in_that_of_the_run(rosette, senses, tmp_path, sense, before):
     """A reversal of 6 microradian is a mean that no run alone knows; each run is held against what it measured."""
-    file, share = tmp_path / 'c.yaml', tmp_path / 'share.yaml'
-    share.write_text('schema: rosette-sharing/1\nframe: shared\n')
-    runs = in_senses('fw', 1, 4), in_senses('bw', -1, 4)
-    assert rosette('correct', *runs, '--share', share, '-o', file).code == 0
+    file = senses['correction']
     stated = read_correction(file)[0]
     assert np.ptp([stated.forward.values[:, 5].mean(), stated.backward.values[:, 5].mean()]) > 5e-6
-    before = {1: 'fw', -1: 'bw', 0: 'both'}[sense]
-    if sense == 0:
-        in_senses('both', 0, 4)
-    after = in_senses('after', sense, 4, correction_file=str(file))
-    told = json.loads(rosette('verify', tmp_path / f'{before}.csv', after, '--correction', file, '--json').out)
+    after = in_sense(tmp_path / 'after.csv', sense, correction_file=str(file))
+    told = json.loads(rosette('verify', senses[before], after, '--correction', file, '--json').out)
     crz = told['errors'][5]
     assert told['p_of_table'] > 0.05 / 6
     assert crz['result'] == 'only noise is left'
@@ -184,16 +189,14 @@ def test_a_correction_for_both_senses_is_verified_in_that_of_the_run(rosette, in
     assert not [one for one in told['errors'] if one['level'] == 'bad']
 
 
-def test_each_sense_is_held_against_its_own_curves(rosette, in_senses, tmp_path):
+def test_each_sense_is_held_against_its_own_curves(rosette, senses, tmp_path):
     """A curve of the file that is wrong in one sense is found by the runs in this one only."""
     file = tmp_path / 'c.yaml'
-    before = in_senses('fw', 1, 4)
-    assert rosette('correct', before, in_senses('bw', -1, 4), '--joint', '-o', file).code == 0
-    stated = yaml.safe_load(file.read_text())
+    stated = yaml.safe_load(senses['correction'].read_text())
     stated['backward']['ctz'] = [-one for one in stated['backward']['ctz']]
     file.write_text(yaml.safe_dump(stated))
-    backward, forward = (json.loads(rosette('verify', path, path, '--correction', file, '--json').out)
-                         for path in (tmp_path / 'bw.csv', before))
+    backward, forward = (json.loads(rosette('verify', senses[name], senses[name], '--correction', file, '--json').out)
+                         for name in ('bw', 'fw'))
     assert backward['p_of_table'] < 1e-6 < 0.05 / 6 < forward['p_of_table']
 
 
@@ -207,12 +210,10 @@ def test_runs_between_the_steps_are_verified_in_the_axes_of_the_correction(roset
     assert 'along x and y of table angle 0, as those of the correction.' in done.out
 
 
-def test_angular_positioning_after_iso_230_2(rosette, in_senses, tmp_path):
+def test_angular_positioning_after_iso_230_2(rosette, senses):
     """From one run in each sense, with and without a known mean of the reversal, and from one there and back."""
-    share = tmp_path / 'share.yaml'
-    share.write_text('schema: rosette-sharing/1\nframe: shared\n')
-    runs = in_senses('fw', 1, 4), in_senses('bw', -1, 4)
-    for words, is_known in ((('--share', share), True), (('--joint',), False)):
+    runs = senses['fw'], senses['bw']
+    for words, is_known in ((('--share', senses['share']), True), (('--joint',), False)):
         told = json.loads(rosette('evaluate', *runs, *words, '--json').out)
         value, = told['iso_230_2']
         crz = {one['sense']: np.array(one['crz_rad']) for one in told['curves']}
@@ -227,5 +228,5 @@ def test_angular_positioning_after_iso_230_2(rosette, in_senses, tmp_path):
         shown = ' '.join(rosette('evaluate', *runs, *words).out.split())
         assert 'Angular positioning of ' in shown and 'R and A need five approaches to each angle in each' in shown
         assert ('need the mean of the reversal, which these runs do not tell' in shown) == (not is_known)
-    value, = json.loads(rosette('evaluate', in_senses('both', 0, 4), '--joint', '--json').out)['iso_230_2']
+    value, = json.loads(rosette('evaluate', senses['both'], '--joint', '--json').out)['iso_230_2']
     assert value['M'] > 0 and value['R'] is None
