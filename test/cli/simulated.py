@@ -18,14 +18,14 @@ _FOLDER = tempfile.TemporaryDirectory(prefix='rosette_simulated_')
 
 
 @functools.cache
-def simulated_run(hidden='clean', n=8, order='random', seed=1, turning='forward'):
+def simulated_run(hidden='clean', n=6, order='random', seed=1, turning='forward'):
     """Return a run of a machine that hides the effects of HIDDEN[hidden]."""
     config = MachineConfig().changed(seed=seed, plate={'balls': n}, hidden=HIDDEN[hidden])
     return Machine(config).run(plan(n, order, seed, turning), run_id=f'{hidden}_{seed}')
 
 
 @functools.cache
-def simulated_table(hidden='clean', n=8, order='random', seed=1, turning='forward', **changes):
+def simulated_table(hidden='clean', n=6, order='random', seed=1, turning='forward', **changes):
     """Return the path of the run as a table; changes: other values of the Run."""
     run = simulated_run(hidden, n, order, seed, turning).replace(**changes)
     name = '_'.join(map(str, (hidden, n, order, seed, turning, *changes)))

@@ -20,8 +20,8 @@ def diagnosed(rosette, *words):
 @pytest.fixture(scope='module')
 def tables():
     """Return runs A and B of a cell that drifts and warps, and a clean one."""
-    return (simulated_table('drift_and_warp'), simulated_table('drift_and_warp', seed=4),
-            simulated_table(seed=5))
+    return (simulated_table('drift_and_warp', 8), simulated_table('drift_and_warp', 8, seed=4),
+            simulated_table(n=8, seed=5))
 
 
 def test_json_is_that_of_the_contract(rosette, tables):
@@ -114,7 +114,7 @@ def test_a_base_term_left_out_is_missed(rosette, tables, tmp_path):
 
 def test_without_temperatures_their_effects_are_not_judged(rosette):
     """And neither is backlash where the sense of the moves is not known."""
-    run = simulated_table(temperature=(float('nan'),) * 64, approach=(0,) * 64)
+    run = simulated_table(temperature=(float('nan'),) * 36, approach=(0,) * 36)
     got = diagnosed(rosette, run)
     assert got['unavailable'] == {
         **dict.fromkeys(('frame_temperature', 'frame_temperature_lag', 'table_zero_temperature',

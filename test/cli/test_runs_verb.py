@@ -41,7 +41,7 @@ def test_runs_are_listed_with_their_verdicts(rosette, folder):
     assert [Path(one['path']).name for one in found] == ['drift.csv', 'clean.csv']
     for one in found:
         assert one['verdict'] == verdict_text(judge(open_run(one['path']))).sentence
-        assert (one['n'], one['readings'], one['problem']) == (8, 64, '')
+        assert (one['n'], one['readings'], one['problem']) == (6, 36, '')
         assert one['residual_m'] == pytest.approx(analyse(open_run(one['path'])).rms, rel=1e-12)
     lines = rosette('runs', folder).out.splitlines()
     assert '2 runs' in lines[0]
