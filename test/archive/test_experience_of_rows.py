@@ -21,23 +21,24 @@ DRIFT = [{'kind': 'frame_drift', 'rate_um_per_h': [2.0, 0.0, 1.2]}]
 
 
 @pytest.fixture(scope='module')
-def rows():
-    """Return rows of three runs of cell a, table T1, that drifts."""
-    out = []
-    for seed in (1, 2, 3):
-        run = Machine(MachineConfig().changed(seed=seed, plate={'balls': 6}, hidden=DRIFT)).run(
-            plan(6, 'interleaved', seed), run_id=f'run {seed}')
-        found, causes = find(run), causes_in(search_of(run))
-        out.append({**heading(f'{seed}' * 64, f'/logs/{seed}', '', Model(), datetime.datetime.now(datetime.UTC),
-                              run.run_id),
-                    **evaluation_row(analyse(run), found, cell='a', causes=causes_text(causes)), 'table_serial': 'T1'})
-    return out
-
-
-def test_a_text_keeps_what_a_run_says(rows):
-    """Hypotheses, probabilities and shapes, to the decimals that are kept."""
+def measured():
+    """Return a run of a cell that drifts, the Diagnosis of it, and what it says of causes."""
     run = Machine(MachineConfig().changed(seed=1, plate={'balls': 6}, hidden=DRIFT)).run(plan(6, 'interleaved', 1))
-    causes = causes_in(search_of(run))
+    return run, find(run), causes_in(search_of(run))
+
+
+@pytest.fixture(scope='module')
+def rows(measured):
+    """Return rows of three runs of cell a, table T1, that say the same."""
+    run, found, causes = measured
+    row = evaluation_row(analyse(run), found, cell='a', causes=causes_text(causes))
+    return [{**heading(f'{one}' * 64, f'/logs/{one}', '', Model(), datetime.datetime.now(datetime.UTC), f'run {one}'),
+             **row, 'table_serial': 'T1'} for one in (1, 2, 3)]
+
+
+def test_a_text_keeps_what_a_run_says(measured):
+    """Hypotheses, probabilities and shapes, to the decimals that are kept."""
+    *_, causes = measured
     got = causes_of_text(causes_text(causes))
     assert got.hypotheses == causes.hypotheses and got.silent == causes.silent
     assert np.abs(got.p - causes.p).max() < 0.01

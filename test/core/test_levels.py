@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What moves with what, as far as a run tells, and by which law: on runs whose truth is known."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -21,12 +22,21 @@ from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.verdict_words import moves_words
 
 SIGMA = 1e-7
-DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
+HIDDEN = {
+    'drift': [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}],
+    'growth': [{'kind': 'plate_expansion', 'rate_ppm_per_h': 8.0}],
+    'outlier': [{'kind': 'outlier', 'shift_um': [2.0, 1.0, 0.5], 'at_h': 0.5}],
+    'slip': [{'kind': 'ball_slip', 'ball': 3, 'shift_um': [1.5, 1.0, 0.5], 'at_h': 0.5}],
+    'large slip': [{'kind': 'ball_slip', 'ball': 3, 'shift_um': [3.0, 2.0, 1.0], 'at_h': 0.4}],
+    'step': [{'kind': 'frame_step', 'step_um': [0.0, 0.4, 0.0], 'at_h': 0.3}],
+    'two steps': [{'kind': 'frame_step', 'step_um': [3.0, 0.0, 2.0], 'at_h': 0.3},
+                  {'kind': 'frame_step', 'step_um': [-1.0, 2.0, 0.0], 'at_h': 0.45}]}
 
 
-def found_in(order, *hidden):
-    """Return the Finding of a run of 8 balls of the machine that hides effects."""
-    config = MachineConfig().changed(seed=1, plate={'balls': 8}, hidden=list(hidden))
+@functools.cache
+def found_in(order, name):
+    """Return the Diagnosis of a run of 8 balls of the machine that hides effects."""
+    config = MachineConfig().changed(seed=1, plate={'balls': 8}, hidden=HIDDEN[name])
     return find(Machine(config).run(plan(8, order, 1)))
 
 
@@ -44,7 +54,7 @@ def place_of(run, name, **setting):
 
 def test_a_drift_moves_the_frame_with_time():
     """And with what runs like time in this order; most like a drift, whose law others are near by likelihood."""
-    cause, = found_in('sensitive', DRIFT).causes
+    cause, = found_in('sensitive', 'drift').causes
     assert (cause.bodies, cause.names) == (('frame',), ('frame_drift',))
     assert [some[0] for some in cause.variables] == ['time'] and frozenset(['travel']) in cause.alternatives
     assert cause.laws[0][0] == ('frame_drift',) and cause.probability > 0.95
@@ -53,11 +63,11 @@ def test_a_drift_moves_the_frame_with_time():
 
 def test_one_ball_or_reading_is_said_by_its_number():
     """The slip of ball 3 may be a creep: the body is surer than the law. A wrong reading has one law only."""
-    slip, = found_in('diagonal', {'kind': 'ball_slip', 'ball': 3, 'shift_um': [1.5, 1.0, 0.5], 'at_h': 0.5}).causes
+    slip, = found_in('diagonal', 'slip').causes
     assert (slip.bodies, slip.number('ball'), slip.number('reading')) == (('ball 3',), 3, None)
     assert slip.variables[0][0] == 'time' and slip.probability > 0.97 > slip.law_probability
     assert {law for law, p in slip.laws if p > 0.05} == {('ball_slip',), ('ball_creep',)} and not slip.law_certain
-    found = found_in('random', {'kind': 'outlier', 'shift_um': [2.0, 1.0, 0.5], 'at_h': 0.5})
+    found = found_in('random', 'outlier')
     wrong, = found.causes
     assert wrong.number('reading') == found.verdict.outliers[0].number and wrong.bodies == ('reading 25',)
     assert wrong.variables == (('reading',),) and wrong.law_certain and wrong.probability > 0.97
@@ -99,13 +109,13 @@ def test_a_course_that_repeats_with_the_balls_may_be_of_the_ball():
 def test_what_moves_the_balls_alike_is_told_together():
     """A plate that grows and scales of the CMM that shrink alike: no run tells them apart; a drift of the probe is
     neither."""
-    cause, = found_in('random', {'kind': 'plate_expansion', 'rate_ppm_per_h': 8.0}).causes
+    cause, = found_in('random', 'growth').causes
     assert cause.bodies == ('plate growing', 'scales and squareness of the CMM') and cause.probability > 0.97
 
 
 def test_what_is_less_than_sure_is_suspected():
     """Below 90 %: in doubt, with a name or without; beside something that is sure, it is what that is."""
-    found = found_in('sensitive', DRIFT)
+    found = found_in('sensitive', 'drift')
     effect, = found.verdict.missing
     doubted = replace(effect, together=0.8, cause=replace(effect.cause, probability=0.8))
     one = unnamed(0.8)
@@ -127,7 +137,7 @@ def test_what_is_less_than_sure_is_suspected():
 def test_curves_are_those_of_all_explanations():
     """In a row a step of the frame may be a slip of the plate, which moves other curves: mean and variance are those of
     both, and where one explanation is left, the curves are its own."""
-    found = found_in('row', {'kind': 'frame_step', 'step_um': [0.0, 0.4, 0.0], 'at_h': 0.3})
+    found = found_in('row', 'step')
     p, fits = zip(*found.with_cause.explanations)
     assert len(p) > 1 and max(p) < 0.9 and found.with_cause.explanations == found.final.explanations
     weight = np.array(p) / sum(p)
@@ -139,7 +149,7 @@ def test_curves_are_those_of_all_explanations():
     for line, spread in zip(fit_lines(found.with_cause), motions.values.T):
         assert line.range == pytest.approx(np.ptp(spread)) and line.spread.moments == pytest.approx(
             (line.range, line.u_range**2))
-    single = found_in('random', {'kind': 'outlier', 'shift_um': [2.0, 1.0, 0.5], 'at_h': 0.5})
+    single = found_in('random', 'outlier')
     (_, alone), = single.with_cause.explanations
     assert np.array_equal(single.with_cause.error_motions.values, alone.error_motions.values)
 
@@ -147,7 +157,7 @@ def test_curves_are_those_of_all_explanations():
 def test_a_ball_that_surely_moves_is_said_though_not_with_what():
     """Ball 3 slips 30 times the noise, and no reading that follows tells time from sense and size of the table moves:
     the ball is said, with all that it may move with."""
-    found = found_in('sensitive', {'kind': 'ball_slip', 'ball': 3, 'shift_um': [3.0, 2.0, 1.0], 'at_h': 0.4})
+    found = found_in('sensitive', 'large slip')
     cause, = found.causes
     assert cause.bodies == ('ball 3',) and cause.probability > 0.95 and found.missing == ('ball_slip',)
     assert cause.or_with and frozenset(cause.or_with[0]) in cause.alternatives and not cause.law_certain
@@ -160,8 +170,7 @@ def test_a_ball_that_surely_moves_is_said_though_not_with_what():
 
 def test_two_laws_of_one_motion_are_not_certain():
     """A frame that steps twice may as well follow one course that the library does not have."""
-    found = found_in('sensitive', {'kind': 'frame_step', 'step_um': [3.0, 0.0, 2.0], 'at_h': 0.3},
-                     {'kind': 'frame_step', 'step_um': [-1.0, 2.0, 0.0], 'at_h': 0.45})
+    found = found_in('random', 'two steps')
     cause, = [one for one in found.causes if one.bodies[0] == 'frame']
     assert cause.names == ('frame_step', 'frame_step') and not cause.law_certain
 
