@@ -270,9 +270,9 @@ def test_a_run_and_its_continuation_are_refused():
 
 @pytest.mark.parametrize('kind', ['turned', 'senses'])
 def test_normalised_errors_of_simulated_runs(kind):
-    """Over 4 machines the errors of the curves are as large as their uncertainties say: 0.8 to 1.2."""
+    """Over 2 machines the errors of the curves are as large as their uncertainties say: 0.8 to 1.2."""
     errors = []
-    for seed in range(4):
+    for seed in range(2):
         second = {'turn': 120.0} if kind == 'turned' else {'sense': -1}
         (machine, first), (_, other) = measured(seed, 6), measured(seed, 6, noise=1, **second)
         result = evaluate_jointly([first, other])
