@@ -106,12 +106,12 @@ def test_the_command_writes_compares_and_fills_a_page(tmp_path, capsys):
     """Two short runs; then the same compared with themselves."""
     file, page = tmp_path / 'blind.json', tmp_path / 'page.md'
     page.write_text(f'before\n{BEGIN}\nold\n{END}\nafter\n')
-    asked = ['--sets', 'white', '--seeds', '1', '--share', '1/5', '--balls', '8', '--jobs', '1']
+    asked = ['--sets', 'white', '--seeds', '1', '--share', '1/5', '--balls', '6', '--jobs', '1']
     assert main([*asked, '--json', str(file), '--page', str(page)]) == 0
     written = json.loads(file.read_text())
     assert [one['judged'] for one in written] == ['right', 'right'] and written[0]['trial'].startswith('white white')
     text = page.read_text()
-    assert text.startswith(f'before\n{BEGIN}\n2 runs of 8 balls') and text.endswith(f'|\n{END}\nafter\n')
+    assert text.startswith(f'before\n{BEGIN}\n2 runs of 6 balls') and text.endswith(f'|\n{END}\nafter\n')
     assert 'old' not in text and 'white noise: false names | at most 1 % | 0 of 2' in capsys.readouterr().out
     assert main([*asked, '--compare', str(file)]) == 0
     assert '2 runs that both versions diagnosed.' in capsys.readouterr().out

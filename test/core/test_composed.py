@@ -36,8 +36,9 @@ def hidden(run, name):
     return out
 
 
-@pytest.mark.parametrize('name', ['axis_tilt_pulse', 'table_zero_asynchronous', 'cmm_squareness_warmup',
-                                  'plate_oval_step', 'plate_tilt_cycle', 'plate_warp_warmup'])
+@pytest.mark.parametrize('name', [
+    'axis_tilt_pulse', 'table_zero_asynchronous', 'cmm_squareness_warmup', 'plate_tilt_cycle',
+    *(pytest.param(name, marks=pytest.mark.long) for name in ('plate_oval_step', 'plate_warp_warmup'))])
 def test_a_composed_law_is_found(name):
     """Each stands 12 times and more above the noise, in an order that shows it."""
     run, *_ = synthetic_run(7, 'random', seed=5, noise=SIGMA, repeatability=SIGMA)

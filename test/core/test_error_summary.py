@@ -24,6 +24,9 @@ from rosette_ros.core.uncertainty.error_summary import (
 from rosette_ros.simulation import Machine, MachineConfig
 
 
+pytestmark = pytest.mark.usefixtures('shared_searches')
+
+
 def motions_of(curve, u=0.0):
     """Return error motions with one curve (n,) in all six places."""
     values = np.tile(np.asarray(curve)[:, None], (1, 6))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log evidence of hypotheses: against dense normal densities, and what it says of runs whose truth is known."""
 
+import functools
 import pickle
 
 import numpy as np
@@ -44,6 +45,7 @@ def freed(space):
     return space.free(np.eye(3 * size).reshape(-1, size, 3)).reshape(3 * size, -1)
 
 
+@functools.cache
 def evidence_of(run, seed=0, noise='white'):
     """Return the Evidence of a run of noise."""
     space = space_of(run, noise)

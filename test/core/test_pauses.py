@@ -9,14 +9,14 @@ from rosette_ros.core.diagnosis.diagnosis import diagnose, find
 from rosette_ros.core.effects.run_functions import between_readings
 from rosette_ros.core.run.errors import InvalidData
 
-N, SIGMA = 12, 1e-7
-PAUSE = 78
+N, SIGMA = 9, 1e-7
+PAUSE = 43
 HOUR = 3600.0
 
 
 @pytest.fixture(scope='module')
 def paused():
-    """Return a run that was broken off before reading 79 and resumed two hours later."""
+    """Return a run that was broken off before reading 44 and resumed two hours later."""
     run, *_ = synthetic_run(N, 'random', seed=4, noise=SIGMA, repeatability=SIGMA)
     after = np.arange(run.size) >= PAUSE
     return run.replace(time=run.time + np.where(after, 2 * HOUR, 0.0), session=1 + after)

