@@ -99,13 +99,13 @@ def test_several_writers_lose_nothing(archive, row, monkeypatch):
 
     def write(writer):
         own = RunArchive(archive.folder, make=True)
-        for count in range(8):
+        for count in range(4):
             own.add([{**row, 'run_id': f'{writer}.{count}'}])
             own.join_small()
             assert own.read_rows(['run_id']).num_rows > count
     with ThreadPoolExecutor(3) as pool:
         list(pool.map(write, range(3)))
-    assert set(archive.read_rows(['run_id']).column(0).to_pylist()) == {f'{a}.{b}' for a in range(3) for b in range(8)}
+    assert set(archive.read_rows(['run_id']).column(0).to_pylist()) == {f'{a}.{b}' for a in range(3) for b in range(4)}
     assert len(archive.parts) <= 8
 
 

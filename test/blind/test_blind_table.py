@@ -87,10 +87,10 @@ def test_what_is_left_out_is_left_out_of_the_diagnosis(monkeypatch):
     asked = []
     monkeypatch.setattr(command, 'diagnose', lambda run, **what: asked.append(what) or SimpleNamespace())
     monkeypatch.setattr(Trial, 'judge', lambda trial, found, truth: {'judged': 'right'})
-    drift = Trial('left_out', 1, ('frame_drift',), 16.0, orders=('random',), left_out='frame_drift')
-    assert work(drift)['judged'] == work(Trial('white', 1, orders=('row',)))['judged'] == 'right'
+    drift = Trial('left_out', 1, ('frame_drift',), 16.0, orders=('random',), n=8, left_out='frame_drift')
+    assert work(drift)['judged'] == work(Trial('white', 1, orders=('row',), n=8))['judged'] == 'right'
     assert asked == [{'without': 'frame_drift'}, {'without': ''}]
-    told = work(Trial('left_out', 1, ('frame_drift',), 16.0, orders=('row',), left_out='frame_drift'))
+    told = work(Trial('left_out', 1, ('frame_drift',), 16.0, orders=('row',), n=8, left_out='frame_drift'))
     assert 'expected an order that shows it, found visible shares' in told['skipped'] and len(asked) == 2
 
 
@@ -120,7 +120,8 @@ def test_the_command_writes_compares_and_fills_a_page(tmp_path, capsys):
 def test_runs_that_would_not_show_it_are_counted(monkeypatch, capsys):
     """They are neither failed nor diagnosed."""
     monkeypatch.setattr(command, 'trials', lambda *what: [
-        Trial('left_out', seed, ('frame_drift',), 16.0, orders=('row',), left_out='frame_drift') for seed in (1, 2)])
+        Trial('left_out', seed, ('frame_drift',), 16.0, orders=('row',), n=8, left_out='frame_drift')
+        for seed in (1, 2)])
     assert main(['--jobs', '1']) == 0
     assert '0 runs of 12 balls' in (told := capsys.readouterr().out) and '2 more would not show what they hide.' in told
 

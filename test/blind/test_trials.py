@@ -270,7 +270,7 @@ def test_a_diagnosis_is_read_with_its_probabilities():
 
 def test_an_effect_is_named_in_a_run_of_its_own():
     """A slip of 12 σ: named, nothing of it is left, and the curves lie within U at most points."""
-    trial = Trial('library', 1, ('plate_slip',), 12.0, orders=('interleaved',))
+    trial = Trial('library', 1, ('plate_slip',), 12.0, orders=('interleaved',), n=8)
     run, truth = trial.run()
     record = trial.judge(diagnose(run), truth)
     assert record['judged'] == 'right' and record['left'] < 4 and record['claims'][0]['true']
