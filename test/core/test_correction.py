@@ -74,6 +74,17 @@ def test_the_curves_of_a_run_between_the_steps_are_met(count, share):
     assert np.abs(correction.errors(np.linspace(0, 7, 500))).max() < 1e-6
 
 
+@pytest.mark.parametrize('count', [6, 8])
+@pytest.mark.parametrize('share', [0.25, 0.4, 0.5, 0.75])
+def test_the_highest_wave_counts_from_the_first_position(count, share):
+    """cos n/2 (angle - first angle), between the positions too: a sine beside it would be zero at all of them."""
+    angle = TWO_PI * (np.arange(count) + share) / count
+    motions = ErrorMotions(angle, np.tile(1e-6 * (-1.0)**np.arange(count)[:, None], 6), np.full((count, 6), 1e-8))
+    fine = np.linspace(0, 7, 50)
+    wanted = 1e-6 * np.cos(count / 2 * (fine - angle[0]))
+    np.testing.assert_allclose(Correction(motions, motions).errors(fine), np.tile(wanted[:, None], 6), atol=1e-15)
+
+
 def test_only_what_is_wanted_is_taken_off_in_each_sense(before):
     """Other errors are 0; a table that knows both senses of turning gives each its own curves."""
     back = replace(before, values=-before.values)
@@ -106,11 +117,28 @@ def test_senses_known_at_different_angles_go_together():
 
 
 def test_pose_and_point_are_one_body(before):
-    """The pose in the turned frame and a point of the table in the fixed one describe the same place."""
-    correction, angle, point = Correction(before, before), 2.1, np.array([0.2, -0.1, 0.05])
-    shift, turn = correction.pose(angle)
-    body = rotate_z(angle, rotation_matrix(turn) @ point + shift)
-    np.testing.assert_allclose(correction.point(angle, point), body, atol=1e-10)
+    """The pose in the turned frame and a point of the table in the fixed one describe the same place, in each sense."""
+    correction = Correction(before, replace(before, values=-2 * before.values))
+    angle, point = 2.1, np.array([0.2, -0.1, 0.05])
+    for sense in (1, -1):
+        shift, turn = correction.pose(angle, sense)
+        body = rotate_z(angle, rotation_matrix(turn) @ point + shift)
+        np.testing.assert_allclose(correction.point(angle, point, sense), body, atol=1e-10)
+
+
+@pytest.mark.parametrize(('sense', 'factor'), [(1, 1.0), (-1, -2.0)])
+def test_a_pose_is_turned_back_by_the_angle(sense, factor):
+    """At 90 degrees the x axis of the table is the y axis of the machine: c = (1, 2, 3) stands at (2, -1, 3) there, and
+    the point (1, 0, 0) is at (0, 1, 0), which the rotation (4, 5, 6) moves by (-6, 0, 4)."""
+    curves = 1e-6 * np.array([1.0, 2, 3, 4, 5, 6])
+    forward, back = (ErrorMotions(TWO_PI * np.arange(6) / 6, np.tile(by * curves, (6, 1)), np.full((6, 6), 1e-8))
+                     for by in (1.0, -2.0))
+    correction = Correction(forward, back)
+    shift, turn = correction.pose(np.pi / 2, sense)
+    np.testing.assert_allclose(shift, factor * 1e-6 * np.array([2.0, -1, 3]), atol=1e-18)
+    np.testing.assert_allclose(turn, factor * 1e-6 * np.array([5.0, -4, 6]), atol=1e-18)
+    moved = correction.point(np.pi / 2, [1.0, 0, 0], sense) - [0, 1, 0]
+    np.testing.assert_allclose(moved, factor * 1e-6 * np.array([1.0 - 6, 2, 3 + 4]), atol=1e-15)
 
 
 def test_angles_that_determine_no_harmonics_are_refused(before):

@@ -23,7 +23,6 @@ from rosette_ros.core.uncertainty.error_summary import (
 )
 from rosette_ros.simulation import Machine, MachineConfig
 
-
 pytestmark = pytest.mark.usefixtures('shared_searches')
 
 
