@@ -101,16 +101,17 @@ def kept_searches(tmp_path_factory):
     return KnownSearches((folder.parent if 'PYTEST_XDIST_WORKER' in os.environ else folder) / 'searches')
 
 
-@pytest.fixture
-def shared_searches(kept_searches, monkeypatch):
-    """Search what a run lacks once for all tests that use this."""
-    monkeypatch.setattr(diagnosis, 'RunDiagnosis', kept_searches.search)
-    monkeypatch.setattr(cell_diagnosis, 'RunSearch', lambda run, model: kept_searches.search(run, model).search)
-    yield
+@pytest.fixture(scope='module')
+def shared_searches(kept_searches):
+    """Search what a run lacks once for all tests that use this, and for what is made for all tests of their file."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(diagnosis, 'RunDiagnosis', kept_searches.search)
+        patch.setattr(cell_diagnosis, 'RunSearch', lambda run, model: kept_searches.search(run, model).search)
+        yield
     kept_searches.keep()
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope='module', autouse=True)
 def known_searches(shared_searches):
     """Share all searches; folders whose subject is the search replace this."""
 

@@ -4,6 +4,6 @@
 import pytest
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope='module', autouse=True)
 def known_searches():
     """Search anew in every test: the search is what is tested."""

@@ -11,6 +11,6 @@ def make_run():
     return synthetic_run
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope='module', autouse=True)
 def known_searches():
     """Search anew in every test, as the search is what is tested; files about what follows it share their searches."""
