@@ -8,7 +8,6 @@ from simulated import simulated_table
 
 import rosette_ros
 from rosette_ros.cli.cell import experience_parameter
-from rosette_ros.core.model.experience import Experience, KnownCause
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
@@ -68,45 +67,49 @@ def test_the_same_run_twice_is_refused(refused, runs):
     assert 'expected one RUN with --check, found several' in refused('diagnose', *runs, '--check', runs[0])
 
 
-def test_six_runs_of_a_demo_are_diagnosed_together(rosette, tmp_path):
+def test_runs_of_a_demo_are_diagnosed_together(rosette, tmp_path):
     """As the README has it: one machine, so many runs, a command that names them."""
-    made = rosette('demo', '--offline', '--hidden', 7, '--balls', 6, '--runs', 3, '--output', tmp_path)
+    made = rosette('demo', '--offline', '--hidden', 7, '--balls', 6, '--runs', 2, '--output', tmp_path)
     assert made.code == 0, made.err
     logs = sorted(path for path in tmp_path.iterdir() if path.is_dir())
-    assert len(logs) == 3 and '3 runs of one machine' in made.out and all((one / 'envelope.json').exists()
+    assert len(logs) == 2 and '2 runs of one machine' in made.out and all((one / 'envelope.json').exists()
                                                                          for one in logs)
     answer = rosette('diagnose', *logs)
     assert answer.code == 0, answer.err
 
 
-def test_experience_of_another_table_is_refused_unless_asked_for(rosette, refused, runs, tmp_path):
-    """By the serial numbers of both."""
-    known, who = tmp_path / 'cell.yaml', tmp_path / 'identity.yaml'
+@pytest.fixture(scope='module')
+def another(tmp_path_factory):
+    """Return the paths of what earlier runs of a table have taught, and of the identity of another table."""
+    known, who = (tmp_path_factory.mktemp('another') / f'{name}.yaml' for name in ('cell', 'identity'))
     known.write_text('schema: rosette-experience/1\ntable: T17\nruns: 6\ncauses:\n'
                      '- {effect: frame_drift, rate: 0.8, in_runs: 5, judged_runs: 6}\n')
     who.write_text('schema: rosette-identity/1\ntable: {serial: T18}\n')
+    return known, who
+
+
+def test_experience_of_another_table_is_refused_unless_asked_for(rosette, refused, runs, another):
+    """By the serial numbers of both."""
+    known, who = another
     words = ('evaluate', runs[0], '--identity', who, '--experience', known)
     assert 'expected a run of table T17, of which 6 runs have taught the experience, found table T18' in refused(*words)
     told = rosette(*words, '--any-cell')
     assert told.code == 0 and 'in 5 of 6 earlier runs; this run alone: ' in ' '.join(told.out.split())
 
 
-def test_python_takes_the_experience_of_another_table_where_asked(runs, tmp_path):
+def test_python_takes_the_experience_of_another_table_where_asked(runs, another):
     """evaluate and diagnose alike; the refusal names the argument."""
-    who = tmp_path / 'identity.yaml'
-    who.write_text('schema: rosette-identity/1\ntable: {serial: T18}\n')
-    run, known = rosette_ros.read(runs[0], identity=who), Experience((KnownCause('frame_drift', 0.8),), table='T17')
+    known, who = another
+    run = rosette_ros.read(runs[0], identity=who)
     for ask in (rosette_ros.evaluate, rosette_ros.diagnose):
         with pytest.raises(rosette_ros.RosetteError, match='found table T18; any_cell=True takes it all the same'):
             ask(run, experience=known)
         assert 'frame_drift' in [one.name for one in ask(run, experience=known, any_cell=True).verdict.missing]
 
 
-def test_a_cell_is_started_with_its_experience(tmp_path):
+def test_a_cell_is_started_with_its_experience(another):
     """Of the table of its identity, unless another one is asked for."""
-    known, who = tmp_path / 'cell.yaml', tmp_path / 'identity.yaml'
-    known.write_text('schema: rosette-experience/1\ntable: T17\nruns: 6\ncauses: [{effect: frame_drift, rate: 0.8}]\n')
-    who.write_text('schema: rosette-identity/1\ntable: {serial: T18}\n')
+    known, who = another
     assert experience_parameter(None, None, False) == {}
     assert experience_parameter(str(known), None, False) == {'experience': str(known)}
     assert experience_parameter(str(known), str(who), True) == {'experience': str(known)}
