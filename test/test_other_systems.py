@@ -62,15 +62,15 @@ def test_all_that_needs_no_nodes_is_imported(tmp_path):
 NAME = r'D:\Läufe 2026\tisch (1).csv'
 VERBS = (('evaluate', NAME, '--json'), ('evaluate', NAME), ('diagnose', NAME), ('compare', NAME), ('info', NAME),
          ('report', NAME, '-o', r'C:\aus gabe.html'), ('import', NAME, '-o', r'D:log'),
-         ('plan', 'row:4', '--balls', '6', '--radius-mm', '182.5', '-o', r'C:\p.csv'),
+         ('plan', 'row:4', '--balls', '5', '--radius-mm', '182.5', '-o', r'C:\p.csv'),
          ('correct', NAME, '-o', r'C:\korrektur.yaml', '--force'),
-         ('demo', '--offline', '--balls', '6', '--output', r'C:\runs'))
+         ('demo', '--offline', '--balls', '5', '--output', r'C:\runs'))
 
 
 def test_verbs_work_with_names_of_windows(tmp_path, monkeypatch, capsys):
     """With a drive, backslashes, a blank and an umlaut; the JSON is that of this system."""
-    config = MachineConfig().changed(plate={'balls': 6})
-    write_csv(Machine(config).run(plan(6, 'row')), tmp_path / NAME)
+    config = MachineConfig().changed(plate={'balls': 5})
+    write_csv(Machine(config).run(plan(5, 'row')), tmp_path / NAME)
     done = in_plain_python('from rosette_ros.cli.main import main\n'
                            f'for words in {VERBS!r}:\n'
                            '    if main(words): sys.exit(" ".join(words))\n', tmp_path)

@@ -25,8 +25,8 @@ HIDDEN = [{'kind': 'frame_warmup', 'amplitude_um': [0.8, 0.5, -0.33], 'time_cons
 def table(tmp_path_factory):
     """Return a run in the order row of a machine that warms up, which this order does not show."""
     path = tmp_path_factory.mktemp('row') / 'row.csv'
-    config = MachineConfig().changed(seed=7, plate={'balls': 8}, hidden=HIDDEN)
-    write_csv(Machine(config).run(plan(8, 'row', 7)), path)
+    config = MachineConfig().changed(seed=7, plate={'balls': 6}, hidden=HIDDEN)
+    write_csv(Machine(config).run(plan(6, 'row', 7)), path)
     return path
 
 
@@ -134,17 +134,17 @@ def test_a_correction_and_its_verification_have_it(rosette, table, tmp_path):
 
 def test_orders_for_the_next_run_by_their_u(rosette):
     """Row is the worst one in a workshop; plan compares all orders where none is named, advise takes another one."""
-    plans = json.loads(rosette('plan', '--balls', '6', '--radius-mm', '182.5', '--environment', 'workshop',
+    plans = json.loads(rosette('plan', '--balls', '5', '--radius-mm', '182.5', '--environment', 'workshop',
                                '--json').out)['plans']
     relative = {one['name']: one['relative_uncertainty'] for one in plans}
     assert relative['interleaved'] < 1.5 and relative['row'] == max(relative.values()) > 3
     assert plans[0]['environment']['name'] == 'workshop' and plans[0]['duration_s'] > 0
-    text = ' '.join(rosette('plan', 'row', 'sensitive', '--balls', '6', '--radius-mm', '182.5', '--environment',
+    text = ' '.join(rosette('plan', 'row', 'sensitive', '--balls', '5', '--radius-mm', '182.5', '--environment',
                             'workshop').out.split())
     assert 'Least U in the environment workshop: interleaved.' in text
-    found = rosette('advise', '--balls', '6', '--order', 'row', '--environment', 'workshop').out
+    found = rosette('advise', '--balls', '5', '--order', 'row', '--environment', 'workshop').out
     assert 'U ct' in found and 'recommended' in found and 'U ct' not in rosette(
-        'advise', '--balls', '6', '--order', 'row').out
+        'advise', '--balls', '5', '--order', 'row').out
 
 
 def test_earlier_runs_of_a_cell_state_its_environment(rosette, refused, tmp_path):
@@ -153,8 +153,8 @@ def test_earlier_runs_of_a_cell_state_its_environment(rosette, refused, tmp_path
     archive, rows = RunArchive(tmp_path / 'archive', make=True), []
     drift = [{'kind': 'table_zero_drift', 'rate_urad_per_h': 12.0}]
     for seed in range(3):
-        config = MachineConfig().changed(seed=seed, plate={'balls': 8}, **({'hidden': drift} if seed == 0 else {}))
-        path, run = tmp_path / f'{seed}.csv', Machine(config).run(plan(8, 'sensitive', seed), run_id=f'r{seed}')
+        config = MachineConfig().changed(seed=seed, plate={'balls': 6}, **({'hidden': drift} if seed == 0 else {}))
+        path, run = tmp_path / f'{seed}.csv', Machine(config).run(plan(6, 'sensitive', seed), run_id=f'r{seed}')
         write_csv(run, path)
         identity = parse_identity(b'schema: rosette-identity/1\ntable: {serial: RT-7}\n')
         rows.append({**heading(f'{seed}', str(path), '', Model(), datetime.datetime.now(datetime.UTC), run.run_id),
@@ -170,7 +170,7 @@ def test_earlier_runs_of_a_cell_state_its_environment(rosette, refused, tmp_path
     assert stated.effects['table_zero_drift'].value == pytest.approx(12e-6 * hours * 0.1825 / 3**0.5, rel=0.3)
     assert 'not found in 3 runs of table RT-7' in stated.sizes['plate'].source
     row = tmp_path / 'row.csv'
-    write_csv(Machine(MachineConfig().changed(seed=9, plate={'balls': 8}, hidden=drift)).run(plan(8, 'row', 9)), row)
+    write_csv(Machine(MachineConfig().changed(seed=9, plate={'balls': 6}, hidden=drift)).run(plan(6, 'row', 9)), row)
     cell, shop, alone = (evaluated(rosette, row, *words)['U'] for words in (
         ['--inputs', file], ['--environment', 'workshop'], []))
     assert max(cell['crz_rad']) > 3 * max(alone['crz_rad'])

@@ -23,8 +23,8 @@ from rosette_ros.words.result_words import conclusion_text
 
 @functools.cache
 def simulated_run(order='random', seed=1):
-    """Return a run of eight balls."""
-    return Machine(MachineConfig().changed(seed=seed, plate={'balls': 8})).run(plan(8, order, seed), run_id=order)
+    """Return a run of six balls."""
+    return Machine(MachineConfig().changed(seed=seed, plate={'balls': 6})).run(plan(6, order, seed), run_id=order)
 
 
 def joint(*runs, **declared):
@@ -48,7 +48,7 @@ def test_the_page_shows_curves_reversal_knowledge_and_tests():
     assert len(tables['means'].rows) == 6
     mean = [float(value) for value in tables['means'].columns[1].values]
     assert np.allclose(mean, result.reversals[0].mean)
-    assert len(tables['plate'].rows) == 8
+    assert len(tables['plate'].rows) == 6
 
 
 @pytest.mark.usefixtures('sketched')
