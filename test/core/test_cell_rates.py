@@ -140,7 +140,7 @@ def test_stated_probabilities_hold():
     """Of causes in runs, of properties and of the next run, in each bin within its sampling error of 3.5 sigma; what
     the runs of one cell miss together counts once."""
     rng, stated = np.random.default_rng(5), {'in a run': [], 'property': [], 'next run': []}
-    for _ in range(300):
+    for _ in range(120):
         said, again, there = drawn_cell(rng)
         rates = CellRates(said)
         stated['property'].append(([rates.again(name) for name in CAUSES], again))

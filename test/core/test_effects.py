@@ -144,7 +144,7 @@ def test_settings_name_balls_that_the_run_has():
 def test_known_truth_is_recovered():
     """An effect with known amplitudes, added to a run, comes back with them, and takes its error away."""
     for subject in LAWS.values():
-        run = warm_run(8, rotation=axis_rotation([0, 1, 0]) if subject.needs_tilt else None)
+        run = warm_run(6, rotation=axis_rotation([0, 1, 0]) if subject.needs_tilt else None)
         setting = few_settings(subject, run)[0]
         columns = subject.columns(run, setting)
         rng = np.random.default_rng(1)

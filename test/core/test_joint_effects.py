@@ -30,7 +30,7 @@ def three():
     """Return plan, displacements, run and true curves of three runs of one machine with different effects."""
     out = []
     for kind, order in KINDS.items():
-        made, rng = Plan(8, order, 3), np.random.default_rng([8, len(out)])
+        made, rng = Plan(7, order, 3), np.random.default_rng([8, len(out)])
         shift = hidden_in(made, kind, rng, STRENGTH)
         run, truth = hidden_run(made, shift, 'white', rng)
         out.append((made, shift, run.replace(run_id=kind), truth))

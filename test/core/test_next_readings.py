@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The next readings of a run: predictions against dense algebra, blocks against chance and on a simulated machine."""
 
+import functools
+
 import numpy as np
 import pytest
 from dense_space import DenseSpace, design
@@ -43,6 +45,12 @@ def moved(course, size, n=6, order='sensitive'):
 def warming(size=12, tau=0.4):
     """Return a run in which warm-up and drift along a curve look alike."""
     return moved(lambda part: -np.expm1(-part / tau), size)
+
+
+@functools.cache
+def first_block():
+    """Return what six readings settle of this run."""
+    return next_readings(warming(), readings=6)
 
 
 def members(*names, **setting):
@@ -157,8 +165,7 @@ def test_a_block_settles_warm_up_against_drift_along_a_curve():
 
 def test_the_same_run_gives_the_same_block_and_a_refused_one_never():
     """A replay gives the same blocks; where the CMM refuses one, the next best is given."""
-    run = warming()
-    first = next_readings(run, readings=6)
+    run, first = warming(), first_block()
     known_of.cache_clear()
     again = next_readings(run, readings=6)
     other = next_readings(run, readings=6, refused=[first.targets])
@@ -255,7 +262,7 @@ def test_a_wait_only_where_no_short_block_settles():
     """A block that tells enough in four minutes wins over an hour that tells more, an hour over a start in a minute."""
     short, hour, start = (float(share_of_need(square, 2 * square, 3.0)) for square in (12.0, 60.0, 0.05))
     assert short / 4 > hour / 60 > start / 1
-    found = next_readings(warming(), readings=6)
+    found = first_block()
     assert found.targets.wait.sum() == 0 and found.separates.expected > 0.9
 
 

@@ -243,7 +243,7 @@ def test_foreign_answers_take_bounded_memory_and_change_nothing(texts):
     counts is kept, also when it is asked again."""
     known, text = collected(answers=()), '\x1b[31m' * texts
     foreign = BallCentre(run_id='r', status=BallCentre.STATUS_FAILED, text=text, header=Header(frame_id=text))
-    for number in range(30_000 if texts == 1 else 200):
+    for number in range(15_000 if texts == 1 else 200):
         foreign.seq = number if number % 2 else 1
         known.add_answer(answer_of(foreign))
     for one in ANSWERS:
