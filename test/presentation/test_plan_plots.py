@@ -58,5 +58,9 @@ def test_shares_of_effects_side_by_side(plans):
 def test_names_of_plans_can_be_read(plans, count, name):
     """Side by side, or upright where they are long."""
     assert faults(shares_of_plans([replace(plans[0], name=name)] * count)) == []
+
+
+def test_texts_of_places_and_pairs_can_be_read(plans):
+    """Of the figures that show one order."""
     assert faults(uncertainty_by_share(plans[0].scheme.n, list(map(point_of, plans)))) == []
     assert faults(pairs_in_order(plans[0].scheme, 'diagonal')) == []

@@ -148,7 +148,7 @@ def test_arrows_have_the_scale_that_is_written_beside_them():
         assert abs(tips[0].max()) > abs(tips[0].mean()) and np.allclose(tips[0].max(), -tips[1].min())
 
 
-@pytest.mark.parametrize('n', [6, 12, 24])
+@pytest.mark.parametrize('n', [6, pytest.param(12, marks=pytest.mark.long), 24])
 def test_no_arrow_crosses_a_number(n):
     """All arrows have their greatest length and point to the axis, to neighbours and between them."""
     beta = 2 * np.pi * np.arange(n) / n

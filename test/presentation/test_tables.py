@@ -32,12 +32,12 @@ def rows(table):
 
 def tables(hidden='drift'):
     """Return the tables of a summary by name."""
-    return {table.name: table for table in tables_of(summary_of(hidden))}
+    return {table.name: table for table in tables_of(summary_of(hidden, 6))}
 
 
 def test_curves_are_those_of_the_evaluation():
     """The result and as modelled, every digit."""
-    made = evaluation_json(summary_of('drift').result)
+    made = evaluation_json(summary_of('drift', 6).result)
     for name, wanted in (('curves', made['result']), ('curves_as_modelled', made)):
         _are_curves(rows(tables()[name]), wanted)
 
@@ -54,7 +54,7 @@ def _are_curves(found, wanted):
 
 def test_deviations_are_those_of_the_evaluation():
     """Plate, freed of its clamping, which is a result of its own, and CMM."""
-    wanted = evaluation_json(RunResult(summary_of('drift').fit))
+    wanted = evaluation_json(RunResult(summary_of('drift', 6).fit))
     found = rows(tables()['deviations'])
     np.testing.assert_allclose(rigid_motion(np.array(wanted['plate_freed_m']), wanted['radius_m'] * np.stack(
         [np.cos(wanted['angle_rad']), np.sin(wanted['angle_rad']), np.zeros(wanted['n'])], axis=-1)), 0, atol=1e-15)
@@ -71,7 +71,7 @@ def test_deviations_are_those_of_the_evaluation():
 
 def test_candidates_are_those_of_the_diagnosis():
     """In the same order, with the same chances and errors."""
-    summary = summary_of('drift')
+    summary = summary_of('drift', 6)
     wanted = diagnosis_json(summary.diagnosis)['candidates']
     found = rows(tables()['candidates'])
     assert [row['effect'] for row in found] == [one['effect'] for one in wanted]
@@ -83,7 +83,7 @@ def test_candidates_are_those_of_the_diagnosis():
 
 def test_residuals_are_all_there_before_and_after():
     """One row a reading, in measuring order."""
-    summary, found = summary_of('drift'), rows(tables()['residuals'])
+    summary, found = summary_of('drift', 6), rows(tables()['residuals'])
     assert [int(row['ball']) for row in found] == summary.run.ball.tolist()
     for when, fit in (('before', summary.fit), ('after', summary.final)):
         np.testing.assert_allclose([[float(row[f'{when}_{axis}_um']) for axis in 'xyz'] for row in found],

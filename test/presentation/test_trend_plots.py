@@ -27,8 +27,9 @@ TOLERANCES = {'ctx': Tolerance(5e-6, '5', 'µm'), 'ctz': Tolerance(1234.5e-6, '1
               'crz': Tolerance(2e-6, '2', 'µrad')}
 
 
-@pytest.fixture(params=[(1 / 24, '2024-01-01'), (1, '2023-12-20'), (7, '2024-03-03'), (30, '2024-01-01'),
-                        (56.2, '2024-01-01'), (365.25, '2004-01-01')])
+@pytest.fixture(params=[
+    (1 / 24, '2024-01-01'), (1, '2023-12-20'), pytest.param((7, '2024-03-03'), marks=pytest.mark.long),
+    (30, '2024-01-01'), pytest.param((56.2, '2024-01-01'), marks=pytest.mark.long), (365.25, '2004-01-01')])
 def dates(request):
     """Runs every hour to every year; some end at a new year."""
     step, first = request.param

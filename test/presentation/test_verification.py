@@ -104,7 +104,7 @@ def test_runs_that_differ_are_said_to_differ():
 
 def test_the_results_are_compared():
     """Where a run lacks something its averaged curves with their U count; the table of the runs says which."""
-    summary = summary_of('drift')
+    summary = summary_of('drift', 6)
     found = verify([(RunResult(summary.fit, summary.diagnosis), Source(f'{run}.csv', ())) for run in range(4)])
     averaged = summary.diagnosis.final.error_motions
     np.testing.assert_array_equal(found.values[0], averaged.values)
