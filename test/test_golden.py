@@ -65,7 +65,8 @@ def agree(expected, got, size):
     return type(expected) is type(got) and expected == got
 
 
-@pytest.mark.parametrize('path', EXPECTED, ids=lambda path: path.name.partition('.')[0])
+@pytest.mark.parametrize('path', [pytest.param(path, marks=pytest.mark.long if '_n12_' in path.name else ())
+                                  for path in EXPECTED], ids=lambda path: path.name.partition('.')[0])
 def test_the_numbers_are_those_of_before(capsys, path):
     """What evaluate says of one input, or that it refuses it."""
     entry = json.loads(gzip.decompress(path.read_bytes()))

@@ -127,8 +127,7 @@ def test_several_runs_are_evaluated_as_one(table, tmp_path, capsys):
     assert frame.shape == (6, 13)
     (first, _), *others = made.result.curves
     assert others and first.words in frame.attrs['title'] and 'clockwise' in first.words
-    made.save_plot(tmp_path / 'curves.png')
-    assert (tmp_path / 'curves.png').stat().st_size and len(made.plot().axes) == 6
+    assert len(made.plot().axes) == 6
 
 
 @pytest.mark.usefixtures('sketched')
