@@ -193,7 +193,7 @@ def test_what_cannot_be_determined_is_refused_in_one_sentence(tmp_path, capsys):
 def test_a_combination_and_what_is_left_stand_in_the_sentence():
     """Two effects under a stated repeatability of half the noise: both are named, and the scatter beside them."""
     warp = {'kind': 'plate_warp', 'rate_um_per_h': 6.0}
-    run = clean(DRIFT, warp, n=9).replace(repeatability=5e-8)
+    run = clean(DRIFT, warp, n=8).replace(repeatability=5e-8)
     verdict = judge(run)
     assert verdict.outcome == Outcome.NAMED
     assert {one.name for one in verdict.missing} == {'frame_drift', 'plate_warp'} and verdict.unexplained
