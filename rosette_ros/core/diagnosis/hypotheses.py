@@ -43,8 +43,8 @@ class Pool:
 
     def __init__(self, evidence: Evidence, volumes: dict[str, float]) -> None:
         best: list[tuple[float, CauseFamily, Setting]] = []
-        for key, blocks in evidence.blocks.items():
-            if key[1] or not blocks.seen.size:
+        for key, blocks in evidence.named.items():
+            if not blocks.seen.size:
                 continue
             group, worth = evidence.bank.groups[key], blocks.log_bf(None, evidence.empty)
             family = group.family[blocks.seen]

@@ -175,7 +175,7 @@ def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tu
             together.remove(second)
 
     groups = [_Group(places, said) for places in together]
-    for key in posterior.near:
+    for key in posterior.near if groups else ():
         p = posterior.p[key]
         every = [motion_of(run, place) for place in posterior.places(key)]
         assigned = _assigned(every, groups)

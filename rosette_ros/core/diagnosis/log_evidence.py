@@ -11,7 +11,7 @@ is a Poisson process, k of one family among k! orders, with the rates of core/si
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -223,17 +223,33 @@ class Evidence:
     def __init__(self, run: Run, bank: Bank, space: CoordinateSpace, residual: Floats, dof: int) -> None:
         self.run, self.bank, self.space, self.dof = run, bank, space, dof
         self._scale_to(residual)
+        self.products = bank.products(self.y[None], space.whitening)
         left = bank.left(space)
         self.shares = bank.seen(left)
-        self.blocks: dict[Key, Blocks] = {}
-        for key, product in bank.products(self.y[None], space.whitening).items():
-            seen = np.flatnonzero(self.shares[key] >= HIDDEN_SHARE)
+        self.named = self._blocks_of(left, self.shares)
+
+    @cached_property
+    def free(self) -> dict[Key, Blocks]:
+        """What the model leaves of the free courses, by the key of their group."""
+        left = self.bank.left(self.space, of_free=True)
+        return self._blocks_of(left, self.bank.seen(left))
+
+    @property
+    def blocks(self) -> dict[Key, Blocks]:
+        """What the model leaves of all, by the key of their group."""
+        return {**self.named, **self.free}
+
+    def _blocks_of(self, left: dict[Key, Reals], shares: Mapping[Key, Floats]) -> dict[Key, Blocks]:
+        out = {}
+        for key, share in shares.items():
+            seen = np.flatnonzero(share >= HIDDEN_SHARE)
             value, vector = decomposed(left.pop(key)[seen])
-            judged = np.count_nonzero(value > ROUNDING, axis=1) < dof  # what describes everything explains nothing
+            judged = np.count_nonzero(value > ROUNDING, axis=1) < self.dof  # what describes everything explains nothing
             seen, value, vector = seen[judged], value[judged], vector[judged]
-            turned = turned_by(vector, product[seen])[..., 0]
-            group = bank.groups[key]
-            self.blocks[key] = Blocks(seen, group.number[seen], group.most[seen] / self.scale, value, vector, turned)
+            turned = turned_by(vector, self.products[key][seen])[..., 0]
+            group = self.bank.groups[key]
+            out[key] = Blocks(seen, group.number[seen], group.most[seen] / self.scale, value, vector, turned)
+        return out
 
     def _scale_to(self, residual: Floats) -> None:
         self.scale = max(float(np.sqrt(np.sum(residual**2) / self.dof)), self.run.rounding, NOISELESS)
@@ -245,20 +261,54 @@ class Evidence:
     def on(self, residual: Floats) -> 'Evidence':
         """Return the same for another residual (N, 3) of the same model; what is made of the bank is shared."""
         other = copy.copy(self)
-        other.__dict__.pop('empty', None)
+        for name in ('empty', 'glance'):
+            other.__dict__.pop(name, None)
         other._scale_to(residual)
-        products = self.bank.products(other.y[None], self.space.whitening)
-        other.blocks = {key: replace(one, product=turned_by(one.vector, products[key][one.seen])[..., 0],
-                                     most=one.most * self.scale / other.scale) for key, one in self.blocks.items()}
+        other.products = self.bank.products(other.y[None], self.space.whitening)
+        for name in ('named', 'free'):
+            if name in self.__dict__:
+                other.__dict__[name] = {key: replace(
+                    one, product=turned_by(one.vector, other.products[key][one.seen])[..., 0],
+                    most=one.most * self.scale / other.scale) for key, one in self.__dict__[name].items()}
         return other
 
     @cached_property
+    def glance(self) -> tuple[Ints, Floats] | None:
+        """Numbers of the free courses that are seen and their log Bayes factors, as far as they matter where nothing
+        is likely; None where something is, so that all have to be solved.
+
+        They are estimated as if the columns of a course were apart; those that may be likely are solved one by one."""
+        if not self.space.whitening.is_diagonal or any(one.gain > 0 for one in self.empty.offers(is_open=False)):
+            return None
+        bank, numbers, estimates = self.bank, [], []
+        for key, square in bank.squares_left(self.space).items():
+            group = bank.groups[key]
+            seen = np.flatnonzero(np.sum(square, axis=1) >= HIDDEN_SHARE**2 * np.maximum(group.rank, 1))
+            line = beside(np.maximum(square[seen], 0), self.products[key][seen, :, 0], None, self.total, self.dof,
+                          SIZES[::2])
+            numbers.append(group.number[seen])
+            estimates.append(log_mean(allowed(line, group.most[seen] / self.scale)))
+        number, log_bf = np.concatenate(numbers), np.concatenate(estimates)
+        first = np.array(bank.ends)
+        family = np.searchsorted(first, number, side='right') - 1
+        prior = np.array([one.log_prior for one in bank.families])[family] - np.log(np.diff(first)[family])
+        for k in np.argsort(-(log_bf + prior)).tolist():
+            if log_bf[k] + prior[k] < -NEAR:
+                break
+            one = bank.families[family[k]]
+            member = self.member(one, one.settings[number[k] - first[family[k]]])
+            log_bf[k] = log_mean(allowed(self.empty.line(member.rows), member.most))
+            if log_bf[k] + prior[k] > 0:
+                return None
+        return number, log_bf
+
+    @cached_property
     def sensitivities(self) -> dict[str, float]:
-        """The largest share that the run shows of each family, by name."""
+        """The largest share that the run shows of each family that has a name, by this."""
         best = np.zeros(len(self.bank.families))
         for key, seen in self.shares.items():
             np.maximum.at(best, self.bank.groups[key].family, seen)
-        return dict(zip([one.name for one in self.bank.families], best.tolist()))
+        return {one.name: share for one, share in zip(self.bank.families, best.tolist()) if not one.is_free}
 
     def member(self, family: CauseFamily, setting: Setting, volume: float = 0.0) -> Member:
         """Return a family at any setting as a Member."""
@@ -387,8 +437,10 @@ class State:
         """Return the best Member of every family that may join, best first; is_open: of free courses, too."""
         evidence, bank = self.evidence, self.evidence.bank
         across = bank.products(self.rows, evidence.space.whitening, is_open) if len(self.rows) else {}
-        return self._offered(bank.families, [(bank.groups[key].number, blocks, across.get(key))
-                                             for key, blocks in evidence.blocks.items() if is_open or not key[1]])
+        glance = evidence.glance if is_open and not self.members else None
+        blocks = evidence.blocks if is_open and glance is None else evidence.named
+        return self._offered(bank.families, [(bank.groups[key].number, some, across.get(key))
+                                             for key, some in blocks.items()], glance)
 
     def offer(self, family: CauseFamily) -> Member | None:
         """Return the best Member of one named family that may join; None where it cannot be seen."""
@@ -403,7 +455,7 @@ class State:
     def _parts_of(self, family: CauseFamily) -> list[Part]:
         evidence, bank = self.evidence, self.evidence.bank
         rows = self.rows if len(self.rows) else np.zeros((1, evidence.y.size))
-        return [(bank.groups[key].number[place], evidence.blocks[key].within(place), across if len(self.rows) else None)
+        return [(bank.groups[key].number[place], evidence.named[key].within(place), across if len(self.rows) else None)
                 for key, place, across in bank.products_of(family, rows, evidence.space.whitening)]
 
     def _log_bf(self, parts: Sequence[Part]) -> tuple[Floats, Bools]:
@@ -418,17 +470,26 @@ class State:
                 seen[blocks.number[judged]] = True
         return log_bf, seen
 
-    def _offered(self, families: Sequence[CauseFamily], parts: Sequence[Part]) -> list[Member]:
-        """Return the best Members of families that may join, best first."""
-        bank, (log_bf, seen) = self.evidence.bank, self._log_bf(parts)
-        out = []
+    def _offered(self, families: Sequence[CauseFamily], parts: Sequence[Part],
+                 glance: tuple[Ints, Floats] | None = None) -> list[Member]:
+        """Return the best Members of families that may join, best first; glance: as of Evidence, of the free ones."""
+        bank, (log_bf, seen), out = self.evidence.bank, self._log_bf(parts), []
+        if glance is not None:
+            log_bf[glance[0]], seen[glance[0]] = glance[1], True
+        first, count = np.array(bank.ends[:-1], dtype=int), np.diff(bank.ends)
+        top = np.maximum.reduceat(log_bf, first)
+        over = np.exp(log_bf - np.repeat(np.where(np.isfinite(top), top, 0.0), count))
+        mean = np.log(np.maximum(np.add.reduceat(over, first) / count, 1e-300)) + top
+        of = {one.name: place for place, one in enumerate(bank.families)}
+        told = np.logical_or.reduceat(seen, first)  # of what this order hides altogether a run says nothing
         for family in families:
-            own = slice(*bank.range_of[family.name])
-            value = log_bf[own]
-            if seen[own].any():  # of what this order hides altogether a run says nothing
-                best, whole = int(np.argmax(np.where(seen[own], value, -np.inf))), float(log_mean(value))
+            place = of[family.name]
+            if told[place]:
+                own = slice(*bank.ends[place:place + 2])
+                value, whole = log_bf[own], float(mean[place])
+                best = int(np.argmax(np.where(seen[own], value, -np.inf)))
                 prior = family.log_prior_beside(self.names.count(family.name))
                 next_best = np.argsort(-value)[1:FURTHER] if family.is_coarse else ()
                 out.append(Member(self.evidence, family, family.settings[best], whole - float(value[best]),
-                                  whole + prior, tuple(family.settings[place] for place in next_best)))
+                                  whole + prior, tuple(family.settings[other] for other in next_best)))
         return sorted(out, key=lambda one: -one.gain)

@@ -307,11 +307,14 @@ class Bank:
                 mix[own] = [sized(gram[k], one.effect.variances(self.run, one.settings[setting[k]])) for k in own]
         return mix
 
-    def left(self, space: CoordinateSpace) -> dict[Key, Reals]:
-        """Return what a model leaves of the blocks of each group, T B M B' T', (b, q, q), by its key."""
-        out = {key: np.zeros((*group.column.shape, key[0]), np.float32) for key, group in self.groups.items()}
+    def left(self, space: CoordinateSpace, of_free: bool = False) -> dict[Key, Reals]:
+        """Return what a model leaves of the blocks of each group, T B M B' T', (b, q, q), by its key.
+
+        of_free: of the free courses, else of what has a name."""
+        out = {key: np.zeros((*group.column.shape, key[0]), np.float32) for key, group in self.groups.items()
+               if key[1] == of_free}
         whitening, size = space.whitening, self.run.size
-        for part, pieces in self._parts:
+        for part, pieces in self._kept(of_free):
             dots = part.dots(whitening.factors**2).astype(np.float32) if whitening.is_diagonal else None
             for waves in part.chunks(3 * size if dots is None else 12 * self.run.n):
                 if dots is None:
@@ -330,6 +333,29 @@ class Bank:
                     half = group.mixed(gram - rows @ rows.transpose(0, 2, 1), place)
                     q = part.m * which.shape[1]
                     out[piece.key][place, :q, :q] = group.mixed(half.transpose(0, 2, 1), place)
+        return out
+
+    def _kept(self, of_free: bool) -> Iterator[tuple[ColumnSet, list[Piece]]]:
+        """Yield the parts of free courses, or of what has a name."""
+        return ((part, pieces) for part, pieces in self._parts if pieces[0].key[1] == of_free)
+
+    def squares_left(self, space: CoordinateSpace) -> dict[Key, Reals]:
+        """Return the square sums of what a model leaves of the columns of each free course, (b, q), by its key.
+
+        They are the diagonals of `left`, in noise that does not wander, for a part of the work."""
+        out = {key: np.zeros(group.column.shape, np.float32) for key, group in self.groups.items() if key[1]}
+        weight, size = space.whitening.factors**2, self.run.size
+        for part, pieces in self._kept(True):
+            square = np.sum(part.directions**2 * weight, axis=2).T.astype(np.float32)  # (N, d)
+            for waves in part.chunks(12 * self.run.n):
+                some = part.waves.within(waves)
+                left = Waves(some.values**2, some.at).times(square).reshape(-1, 1) - np.sum(
+                    space.inside_of(some, part.directions)**2, axis=2).reshape(-1, 1)
+                for piece in pieces:
+                    own, wave, which = piece.within(waves)
+                    group, begin = self.groups[piece.key], piece.place.start
+                    place, q = slice(begin + own.start, begin + own.stop), part.m * which.shape[1]
+                    out[piece.key][place, :q] = part.rows_of(left, wave, which)[..., 0] * group.mix[place, :q]**2
         return out
 
     def products(self, rows: Floats, whitening: Whitening, is_open: bool = True) -> dict[Key, Reals]:
@@ -353,9 +379,9 @@ class Bank:
                 yield piece.key, piece.place, np.pad(made, ((0, 0), (0, piece.key[0] - made.shape[1]), (0, 0)))
 
     def seen(self, left: Mapping[Key, Reals]) -> dict[Key, Floats]:
-        """Return the sensitivity to each block of each group, (b,); left: of `left`."""
-        return {key: np.sqrt(np.maximum(np.trace(left[key], axis1=1, axis2=2), 0) / np.maximum(group.rank, 1))
-                for key, group in self.groups.items()}
+        """Return the sensitivity to each block of groups, (b,); left: of `left`."""
+        return {key: np.sqrt(np.maximum(np.trace(each, axis1=1, axis2=2), 0) / np.maximum(self.groups[key].rank, 1))
+                for key, each in left.items()}
 
     def shares(self, left: Mapping[Key, Reals]) -> list[Floats]:
         """Return the sensitivity to each setting of each family; left: of `left`."""
