@@ -297,7 +297,7 @@ class Evidence:
                 break
             one = bank.families[family[k]]
             member = self.member(one, one.settings[number[k] - first[family[k]]])
-            log_bf[k] = log_mean(allowed(self.empty.line(member.rows), member.most))
+            log_bf[k] = log_mean(allowed(self.empty.line(member.rows)[::2], member.most))
             if log_bf[k] + prior[k] > 0:
                 return None
         return number, log_bf

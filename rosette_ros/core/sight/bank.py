@@ -344,7 +344,7 @@ class Bank:
 
         They are the diagonals of `left`, in noise that does not wander, for a part of the work."""
         out = {key: np.zeros(group.column.shape, np.float32) for key, group in self.groups.items() if key[1]}
-        weight, size = space.whitening.factors**2, self.run.size
+        weight = space.whitening.factors**2
         for part, pieces in self._kept(True):
             square = np.sum(part.directions**2 * weight, axis=2).T.astype(np.float32)  # (N, d)
             for waves in part.chunks(12 * self.run.n):
