@@ -61,13 +61,14 @@ class Cause:
         """Return what stands for one of its variables."""
         return frozenset().union(*(some[1:] for some in self.variables if some[0] == variable))
 
-    def agrees(self, other: 'Cause') -> bool:
-        """Return whether both say that one of the same bodies moves with something that may be the same, or by a
-        constant amount, which is with nothing."""
-        if set(self.bodies).isdisjoint(other.bodies):
-            return False
+    def moves_with(self, other: 'Cause') -> bool:
+        """Return whether both may move with the same, or by a constant amount, which is with nothing."""
         return (not (self.own or other.own) or not self.may_be.isdisjoint(other.own)
                 or not other.may_be.isdisjoint(self.own))
+
+    def agrees(self, other: 'Cause') -> bool:
+        """Return whether both say that one of the same bodies moves with something that may be the same."""
+        return not set(self.bodies).isdisjoint(other.bodies) and self.moves_with(other)
 
     @property
     def alternatives(self) -> tuple[frozenset[str], ...]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is said of a run: which members of the best hypothesis are claimed, and as what moves with what."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import combinations
@@ -10,7 +11,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.levels import STANDS, causes_of, course_of, motion_of
 from rosette_ros.core.diagnosis.limits import CLAIM, LISTED, SURE
-from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, State
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, Place, State
 from rosette_ros.core.diagnosis.null_gains import p_of_tail
 from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.effects.effect import PhysicalEffect
@@ -29,23 +30,34 @@ class Claims:
 
     @cached_property
     def chosen(self) -> State:
-        """The best hypothesis: of laws that may be parts of one that the grammar lacks, this without a name."""
-        return opened(self._search.chosen)
+        """The best hypothesis: in place of laws that may be parts of one that the grammar lacks, or where the likeliest
+        is that what moves has none, this without a name."""
+        state = opened(self._search.chosen)
+        while True:
+            for cause in self._causes_of(state):
+                if cause.names and not cause.laws[0][0] and (free := _without_names(state, cause.places)):
+                    state = free
+                    break
+            else:
+                return state
 
     # What moves with what
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What the members of the best hypothesis say moves with what, the likeliest first."""
-        said = {one.place: self._as_moving(place) for place, one in enumerate(self.chosen.members)}
-        found = causes_of(self._search.posterior, self._run, said)
+        found = self._causes_of(self.chosen)
         return tuple(sorted((replace(one, law_certain=self._is_certain(one)) for one in found),
                             key=lambda one: -one.probability))
 
-    def _as_moving(self, place: int) -> Cause:
+    def _causes_of(self, state: State) -> tuple[Cause, ...]:
+        said = {one.place: self._as_moving(state, place) for place, one in enumerate(state.members)}
+        return causes_of(self._search.posterior, self._run, said)
+
+    def _as_moving(self, state: State, place: int) -> Cause:
         """Return what a member says, with the bodies whose motion by its course describes what the readings show of it.
         """
-        member, state = self.chosen.members[place], self.chosen
+        member = state.members[place]
         own, course = motion_of(self._run, member.place), course_of(self._run, member.place)
         if course is None:
             return own
@@ -192,23 +204,35 @@ def opened(state: State) -> State:
 
     Two laws that are parts of another one have much the same likelihood as any course of the same body with the same
     variable; two that are there have not, as a course that would do for both would do for much else."""
-    run, evidence = state.evidence.run, state.evidence
     for one, other in combinations(state.members, 2):
-        causes = [motion_of(run, some.place) for some in (one, other)]
+        causes = [motion_of(state.evidence.run, some.place) for some in (one, other)]
         if any(some.family.is_free for some in (one, other)) or causes[0].own != causes[1].own or not (
                 causes[0].agrees(causes[1])):
             continue
-        rest = State(evidence, [some for some in state.members if some not in (one, other)], is_sized=True)
-        own = state.likelihood - rest.likelihood
-        bodies = frozenset(causes[0].bodies) & frozenset(causes[1].bodies)
-        alone = [frozenset([name]) for name in causes[0].may_be & causes[1].may_be]
-        free = [evidence.member(family, setting) for family in evidence.bank.families if family.is_free
-                for setting in family.settings
-                if family.effect.moved(setting) == bodies and family.effect.driven_by(setting) in alone]
-        best = max(free, key=lambda some: rest.line(some.rows).max(), default=None)
-        if best and rest.line(best.rows).max() >= own - max(NEAR_LAW * own, 2.0):
-            return opened(State(evidence, (*rest.members, best)))
+        free = _without_names(state, (one.place, other.place))
+        if free is None:
+            continue
+        *rest, best = free.members
+        before = State(state.evidence, rest, is_sized=True)
+        own = state.likelihood - before.likelihood
+        if before.line(best.rows).max() >= own - max(NEAR_LAW * own, 2.0):
+            return opened(free)
     return state
+
+
+def _without_names(state: State, places: Sequence[Place]) -> State | None:
+    """Return a hypothesis with the best course of the same body, with one of the same variables, in place of some laws;
+    None where there is none."""
+    evidence = state.evidence
+    causes = [motion_of(evidence.run, place) for place in places]
+    bodies = frozenset.intersection(*(frozenset(one.bodies) for one in causes))
+    alone = [frozenset([name]) for name in frozenset.intersection(*(one.may_be for one in causes))]
+    rest = State(evidence, [one for one in state.members if one.place not in places], is_sized=True)
+    free = [evidence.member(family, setting) for family in evidence.bank.families if family.is_free
+            for setting in family.settings
+            if family.effect.moved(setting) == bodies and family.effect.driven_by(setting) in alone]
+    best = max(free, key=lambda some: rest.line(some.rows).max(), default=None)
+    return State(evidence, (*rest.members, best)) if best else None
 
 
 def _goes_alike(one: Member, other: Member) -> bool:

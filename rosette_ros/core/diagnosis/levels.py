@@ -32,11 +32,10 @@ Laws = dict[Law, float]
 @lru_cache(maxsize=4096)
 def motion_of(run: Run, place: Place) -> Cause:
     """Return what a family at a setting says of what moves with what in a run."""
-    (family, setting), described = place, _described(run)
+    family, setting = place
     effect = family.effect
     own = effect.driven_by(setting)
-    standing = {one: {a if one == b else b for (a, b), share in described.items()
-                      if one in (a, b) and a != b and share > STANDS} for one in own}
+    standing = {one: _standing(run, one) for one in own}
 
     course = course_of(run, place)
     if len(own) == 1 and not family.is_free and course is not None and np.ptp(course, axis=1).any():
@@ -44,6 +43,17 @@ def motion_of(run: Run, place: Place) -> Cause:
             name for name, basis in _slow_functions(run).items() if _share(course, basis) > STANDS} - own
     return Cause((place,), tuple(sorted(effect.moved(setting))),
                  tuple((one, *sorted(standing[one])) for one in sorted(own)))
+
+
+def wander_of(run: Run) -> Cause:
+    """Return what a frame that wanders says: it moves with time, by no law."""
+    return Cause((), ('frame',), (('time', *sorted(_standing(run, 'time'))),))
+
+
+def _standing(run: Run, name: str) -> set[str]:
+    """Return the variables that stand for one."""
+    return {a if name == b else b for (a, b), share in _described(run).items()
+            if name in (a, b) and a != b and share > STANDS}
 
 
 def course_of(run: Run, place: Place) -> Floats | None:
@@ -91,14 +101,15 @@ class _Group:
     """Members of the best hypothesis that say the same, and what the other hypotheses say of it.
 
     laws: probability of each law that does it; seen: of each variable with which it may move; moved: of each set of
-    bodies that move; apart: of each law by which the same body moves with other variables, by these.
+    bodies that move; apart: of each law by which the same body moves with other variables, or others with the same, by
+    the bodies and variables.
     """
 
     def __init__(self, places: Sequence[Place], said: Mapping[Place, Cause]) -> None:
         self.places = tuple(places)
         self.said = [said[place] for place in places]
         self.laws, self.seen, self.moved = Laws(), dict[str, float](), dict[frozenset[str], float]()
-        self.apart: dict[tuple[str, ...], Laws] = {}
+        self.apart: dict[tuple[frozenset[str], tuple[str, ...]], Laws] = {}
 
     def has_name(self, name: str) -> bool:
         return any(family.name == name for family, _ in self.places)
@@ -115,11 +126,21 @@ class _Group:
             self.seen[name] = self.seen.get(name, 0.0) + p
 
     def count_apart(self, others: list[Cause], p: float) -> None:
-        """Count a hypothesis in which the same body moves with something else; what does is taken from the others."""
-        bodies = frozenset().union(*(one.bodies for one in self.said))
-        for place, other in [(k, one) for k, one in enumerate(others) if not bodies.isdisjoint(one.bodies)][:1]:
-            del others[place]
-            _add(self.apart.setdefault(tuple(sorted(other.own)), {}), _law([other]), p)
+        """Count a hypothesis in which the same body moves with something else, or else another one with the same; what
+        does is taken from the others."""
+        for is_it in (self._moves_same, self._moves_with_same):
+            for place, other in [(k, one) for k, one in enumerate(others) if is_it(one)][:1]:
+                del others[place]
+                bodies = frozenset(body for body in other.bodies if body not in other.alike)
+                variables = tuple(sorted(other.own)) if is_it == self._moves_same else ()
+                _add(self.apart.setdefault((bodies, variables), {}), _law([other]), p)
+                return
+
+    def _moves_same(self, other: Cause) -> bool:
+        return any(not set(own.bodies).isdisjoint(other.bodies) for own in self.said)
+
+    def _moves_with_same(self, other: Cause) -> bool:
+        return any(own.own and own.moves_with(other) for own in self.said)
 
     def _bodies(self) -> list[str]:
         """Return the bodies of the best hypothesis, and the likeliest others until one of all these moves surely."""
@@ -136,15 +157,18 @@ class _Group:
 
     def cause(self, total: float) -> Cause:
         """Return the Cause; total: probability of all hypotheses that were counted."""
-        laws, or_with = self.laws.copy(), []
-        apart = sorted(((sum(some.values()), others) for others, some in self.apart.items()), reverse=True)
-        left = sum(p for p, _ in apart)
+        laws, or_with, elsewhere = self.laws.copy(), list[tuple[str, ...]](), list[str]()
+        apart = sorted(((sum(some.values()), sorted(bodies), variables)
+                        for (bodies, variables), some in self.apart.items()), reverse=True)
+        left = sum(p for p, _, _ in apart)
         moved = sum(laws.values()) + left
-        for p, other_variables in apart:
+        for p, bodies, other_variables in apart:
             if left > LISTED * moved:
-                or_with.append(other_variables)
+                if other_variables and other_variables not in or_with:
+                    or_with.append(other_variables)
+                elsewhere += bodies
                 left -= p
-                for law, share in self.apart[other_variables].items():
+                for law, share in self.apart[frozenset(bodies), other_variables].items():
                     _add(laws, law, share)
 
         # of several variables those that nearly every explanation has, at least the likeliest
@@ -155,9 +179,9 @@ class _Group:
         sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
 
         alike = [body for one in self.said for body in sorted(one.alike)]
-        bodies = dict.fromkeys([*self._bodies(), *alike])
+        every = dict.fromkeys([*self._bodies(), *elsewhere, *alike])
         likeliest = tuple((law, p / total) for law, p in sorted(laws.items(), key=lambda pair: -pair[1]))
-        return Cause(self.places, tuple(bodies), tuple(reversed(sets.values())), sum(laws.values()) / total, likeliest,
+        return Cause(self.places, tuple(every), tuple(reversed(sets.values())), sum(laws.values()) / total, likeliest,
                      or_with=tuple(or_with))
 
 
@@ -177,7 +201,7 @@ def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tu
     groups = [_Group(places, said) for places in together]
     for key in posterior.near if groups else ():
         p = posterior.p[key]
-        every = [motion_of(run, place) for place in posterior.places(key)]
+        every = [motion_of(run, place) for place in posterior.places(key)] + [wander_of(run)] * ('wander' in key[1])
         assigned = _assigned(every, groups)
         taken = {id(one) for mine in assigned for one in mine}
         others = [one for one in every if id(one) not in taken]
@@ -196,7 +220,7 @@ def _assigned(every: Sequence[Cause], groups: Sequence[_Group]) -> list[list[Cau
     agreeing = [[k for k, group in enumerate(groups) if group.agrees(one)] for one in every]
     for is_name in (True, False):
         for one, ks in zip(every, agreeing):
-            own = [k for k in ks if is_name == groups[k].has_name(one.places[0][0].name)]
+            own = [k for k in ks if is_name == any(groups[k].has_name(family.name) for family, _ in one.places)]
             if own:
                 out[min(own, key=lambda k: len(out[k]))].append(one)
             if is_name and own:

@@ -19,23 +19,26 @@ MOST = 4
 """Searches beside that in white noise."""
 
 
-def noise_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | None = None) -> NoiseKinds:
+def noise_beside(fitted: Fit, members: tuple[Member, ...] = (), scale: float | None = None,
+                 of_motion: float | None = None) -> NoiseKinds:
     """Return the kinds of noise beside the effects of a fit in white noise and further members.
 
-    scale: of the residual, m, over which members have their sizes."""
+    scale: of the residual, m, over which members have their sizes; of_motion: as of NoiseKinds."""
     run, none = fitted.run, np.zeros((0, fitted.run.size, 3))
     columns = [columns_of(one.family, run, one.setting) for one in members]
     sizes = np.array([one.size for one, rows in zip(members, columns) for _ in rows])
     unit = scale or fitted.rms
     beside = Beside(run, fitted.mean_radius, fitted.model.base, fitted.residual / unit, fitted.joint.every,
                     np.concatenate([none, *columns]), sizes, fitted.noise, unit)
-    return NoiseKinds(beside, fitted.model.noise, NOISELESS)
+    return NoiseKinds(beside, fitted.model.noise, NOISELESS, of_motion)
 
 
 def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Posterior:
     """Return the Posterior of a run; white: the search in white noise of a fit; under: makes that in another noise."""
     grown, scale = white.grown, white.evidence.scale
-    alone = noise_beside(fitted, (), scale).found(max(LEAST, grown.log_evidence - NEAR))
+    free = [one.log_prior for one in white.evidence.bank.families if one.is_free]
+    of_motion = max(free, default=None)
+    alone = noise_beside(fitted, (), scale, of_motion).found(max(LEAST, grown.log_evidence - NEAR))
     best = white.best if alone[0].log_evidence < grown.log_evidence + NEAR else grown  # noise has no better members
     looked: dict[Key, Looked] = {}
     sources: dict[Key, tuple[Search, Noise]] = {}
@@ -54,7 +57,7 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Post
         members = waiting.pop(0)
         base = State(white.evidence, [white.evidence.member(one.family, one.setting, one.volume) for one in members])
         useful = max(value for value, _ in looked.values()) - NEAR - base.log_evidence  # to be the best after a search
-        found = noise_beside(fitted, base.members, scale).found(max(LEAST, useful)) if members else alone
+        found = noise_beside(fitted, base.members, scale, of_motion).found(max(LEAST, useful)) if members else alone
         for one in found[:2]:
             if (not one.kinds or one.log_evidence < found[0].log_evidence - NEAR / 3 or (base.names, one.kinds) in tried
                     or one.log_evidence < useful):

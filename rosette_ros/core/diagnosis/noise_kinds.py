@@ -179,16 +179,19 @@ def groups_of(run: Run) -> dict[str, Ints]:
 class NoiseKinds:
     """The kinds of noise of a run beside a hypothesis."""
 
-    def __init__(self, beside: Beside, allowed: Sequence[str] = NOISE_TERMS, least: float = 0.0) -> None:
+    def __init__(self, beside: Beside, allowed: Sequence[str] = NOISE_TERMS, least: float = 0.0,
+                 of_motion: float | None = None) -> None:
         """Take the kinds that a model allows; each is one of its terms of noise.
 
-        least: standard deviation that any reading has, m."""
+        least: standard deviation that any reading has, m; of_motion: log prior of a motion without a name, where such
+        are looked for: a frame that wanders is one of them, and has no other; else it stands for them all."""
         self.beside, self.run = beside, beside.run
         variance = np.maximum(beside.run.steps**2 / 12, least**2) / (beside.unit * beside.digits)**2
         self._least: Floats = variance.reshape(-1)
         self.groups = {name: group for name, group in groups_of(beside.run).items() if _term_of(name) in allowed}
         self._may_wander = _term_of('wander') in allowed
         self._each = math.log(NOT_WHITE / (len(self.groups) + 1))
+        self._of_wander = self._each if of_motion is None else of_motion
         self._zero = beside.white.joined[0]
 
     @property
@@ -253,7 +256,7 @@ class NoiseKinds:
             (z, w), (det_z, det_w) = ((one[:, 2], one[:, 0] + one[:, 1]) for one in (
                 (1 / spectrum) @ energy, np.log(spectrum) @ free))
             values.append(-self.beside.dof / 2 * np.log(np.add.outer(z, w) / square) - np.add.outer(det_z, det_w) / 2)
-        return float(log_mean(np.array(values).reshape(-1))) + self._each
+        return float(log_mean(np.array(values).reshape(-1))) + self._of_wander
 
     def _prior(self, name: str, nu: Floats | float) -> tuple[Floats, Floats, Floats]:
         """Return shapes and rates (..., groups) of the gamma distributions of weights, and log evidence of the check.
@@ -366,7 +369,7 @@ class NoiseKinds:
 
         hope = float(log_mean(np.concatenate([log_bf(tried(phi, SHARES[2:4].tolist())).reshape(-1)
                                               for phi in (0.6, 0.97)])))
-        if hope + self._each < least:  # too rough to be held against more than white noise
+        if hope + self._of_wander < least:  # too rough to be held against more than white noise
             return
         every = {phi: log_bf(tried(phi, SHARES.tolist())) for phi in MEMORIES}
         equal = np.flatnonzero(RATIOS == 1)
@@ -381,7 +384,8 @@ class NoiseKinds:
             wander = size**2 * np.array([share_w, share_w, share_z]) / (self.run.size if best == 1 else 1)
             value = float(log_mean(np.array([float(log_mean(one.reshape(-1))) for one in some.values()])))
             noise = replace(self.beside.plain, axes=size, phi=best, wander=wander).scaled()
-            yield Found(kinds, noise, value + len(kinds) * self._each, self._zero + float(some[best].max()))
+            prior = self._of_wander + (len(kinds) - 1) * self._each
+            yield Found(kinds, noise, value + prior, self._zero + float(some[best].max()))
 
 
 def _term_of(name: str) -> str:
