@@ -32,7 +32,7 @@ from rosette_ros.presentation.json_output import change_json
 from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.presentation.tables import fitted_effects
 from rosette_ros.words.effect_words import capital, scale_of
-from rosette_ros.words.verdict_words import titles
+from rosette_ros.words.motion_words import titles
 
 ADD, REMOVE = 'add', 'remove'
 CARRIES = {'all': 'settings and sizes hold for the next run of the same cell',

@@ -58,9 +58,10 @@ from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import capital
 from rosette_ros.words.joint_words import note_words
+from rosette_ros.words.motion_words import titles
 from rosette_ros.words.reading_words import readings_notes, remark_words
 from rosette_ros.words.result_words import DOES_NOT_FIT, check_words, comparison_words, conclusion_text
-from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, titles, verdict_text
+from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_text
 
 NEXT_BEST = 4
 """So many explanations, and effects that are not identified, are shown."""

@@ -43,7 +43,7 @@ from rosette_ros.simulation.envelope import open_envelope, seal_envelope
 from rosette_ros.simulation.motion import MachineState
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.effect_words import exact, fixed
-from rosette_ros.words.verdict_words import titles
+from rosette_ros.words.motion_words import titles
 
 ENVELOPE, MODEL = 'envelope.json', 'model.yaml'
 INSTANTS = ('at_h', 'from_h')

@@ -11,7 +11,7 @@ from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.presentation.json_output import Json, plain
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.words.cell_words import constants_words, law_words, moves_words, runs_words
-from rosette_ros.words.verdict_words import chance
+from rosette_ros.words.motion_words import chance
 
 CELL = 'rosette-cell-diagnosis/1'
 KINDS = ('property', 'once', 'possible')

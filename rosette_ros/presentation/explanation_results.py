@@ -6,7 +6,8 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.presentation.formatting import before_after
 from rosette_ros.presentation.table_format import Column, Table, column, words
 from rosette_ros.words.effect_words import MEANINGS, fixed, plain_name, words_of
-from rosette_ros.words.verdict_words import chance, does_words, kind_words, laws_words, member_words, moves_words
+from rosette_ros.words.motion_words import chance, does_words, laws_words, member_words, moves_words
+from rosette_ros.words.verdict_words import kind_words
 
 
 def causes(verdict: Verdict) -> Table:

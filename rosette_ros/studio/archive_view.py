@@ -25,7 +25,7 @@ from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.presentation.report.page_parts import inline_svgs
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.words.effect_words import decimals, plain_name
-from rosette_ros.words.verdict_words import member_words
+from rosette_ros.words.motion_words import member_words
 
 MOST_CAUSES, EVEN = 20, 0.5
 """Causes that are shown against runs, and the probability that one of the runs exceeds."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from rosette_ros.core.planning.advice import AS_MEASURED, Advice, OrderAdvice
 from rosette_ros.core.run.errors import counted
 from rosette_ros.core.sight.visibility import GOOD_SHARE, strongest_first
-from rosette_ros.words.verdict_words import titles
+from rosette_ros.words.motion_words import titles
 
 SAME_TIME = 0.1
 """Difference of durations below which two orders take the same time."""

@@ -10,7 +10,7 @@ from rosette_ros.core.joint.cell_diagnosis import CellCause, CellDiagnosis, Comm
 from rosette_ros.core.run.number_words import micrometres
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.words.effect_words import capital, decimals, fixed, names, scale_of, title_of
-from rosette_ros.words.verdict_words import MOST_LAWS, MOVES, VERBS, chance, member_words, titles, with_words
+from rosette_ros.words.motion_words import MOST, MOVES, VERBS, chance, member_words, titles, with_words
 
 CONDITIONS = {'date': ('from day to day', 'day'), 'temperature': ('with the mean temperature of the run', 'K'),
               'load': ('with the load on the table', 'kg')}
@@ -26,7 +26,7 @@ def cell_words(found: CellDiagnosis) -> tuple[str, ...]:
     out += [f'{capital(change_words(one, change))}.' for one in found.properties for change in one.changes]
     out += [f'Once only: {once_words(found, one)}.' for one in found.once]
     if found.doubtful:
-        out.append('Possible, but not certain: ' + names(
+        out.append('Possible: ' + names(
             f'{cause_words(one, short=True)} ({chance(one.again)})' for one in found.doubtful) + '.')
     if found.hidden:
         out.append(f'None of these runs could have shown {titles(found.hidden)}.')
@@ -40,7 +40,7 @@ def cause_words(one: CellCause, short: bool = False) -> str:
     what = moves_words(one)
     if short:
         return what
-    laws = [(name, p) for name, p in one.laws if p >= LISTED][:MOST_LAWS] or one.laws[:1]
+    laws = [(name, p) for name, p in one.laws if p >= LISTED][:MOST] or one.laws[:1]
     said = ', '.join(f'{law_words(name)} ({chance(p)})' for name, p in laws)
     constants = constants_words(one.constants)
     return f'{what} ({chance(one.again)}), most likely {said}{f" with {constants}" if constants else ""}'

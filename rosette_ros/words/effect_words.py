@@ -53,10 +53,10 @@ def tolerance_words(limit: Tolerance, unit: str = '') -> str:
     return limit.number if limit.unit == unit else f'{limit.number} {limit.unit}'
 
 
-def names(words: Iterable[str]) -> str:
+def names(words: Iterable[str], last_by: str = 'and') -> str:
     """Return names as an enumeration."""
     *others, last = words
-    return f'{", ".join(others)} and {last}' if others else last
+    return f'{", ".join(others)} {last_by} {last}' if others else last
 
 
 def capital(text: str) -> str:

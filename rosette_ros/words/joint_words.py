@@ -7,7 +7,8 @@ from math import pi
 from rosette_ros.core.joint.knowledge import MEANS, JointRemark, Part
 from rosette_ros.core.run.remarks import Remark
 from rosette_ros.words.effect_words import names
-from rosette_ros.words.verdict_words import kind_words, titles
+from rosette_ros.words.motion_words import titles
+from rosette_ros.words.verdict_words import kind_words
 
 
 def part_words(every: Iterable[Remark]) -> tuple[str, ...]:

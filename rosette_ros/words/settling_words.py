@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rosette_ros.core.run.errors import counted
 from rosette_ros.words.effect_words import capital, names
-from rosette_ros.words.verdict_words import member_words
+from rosette_ros.words.motion_words import member_words
 
 if TYPE_CHECKING:  # who shows what was found starts without the least squares
     from rosette_ros.core.diagnosis.posterior import Explanation

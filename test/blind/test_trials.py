@@ -26,7 +26,7 @@ from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.core.run.records import remove_gauge
 from rosette_ros.core.run.scheme import plan
-from rosette_ros.words.verdict_words import MOTIONS, VARIABLES
+from rosette_ros.words.motion_words import VARIABLES, VERBS
 
 
 def hidden(kind, seed=1, strength=16.0):
@@ -76,7 +76,7 @@ def test_the_table_of_the_library_is_complete():
     for name, (body, variables) in LIBRARY.items():
         assert {*body} <= set(BODIES) and frozenset().union(*variables) <= set(VARIABLES)
         assert bool(body) == bool(variables) == (name != 'outlier')
-    assert {*BODIES, *PARTS} == {'frame', 'plate', *MOTIONS} and frozenset().union(*BODIES.values()) <= set(VARIABLES)
+    assert {*BODIES, *PARTS} == set(VERBS) and frozenset().union(*BODIES.values()) <= set(VARIABLES)
     assert set(alike('frame_temperature')) == {'frame_temperature_lag'} and alike('table_backlash') == ()
     assert statement('frame_temperature')[1] == said('temperature', 'time')
     assert statement('plate_tilt_step')[1] == said('time', 'time + ball')

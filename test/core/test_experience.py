@@ -17,7 +17,7 @@ from rosette_ros.core.model.experience import Experience, KnownCause
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.words.verdict_words import missing_words
+from rosette_ros.words.motion_words import missing_words
 
 KNOWN = Experience((KnownCause('frame_drift', 0.9, 0.99, 7.0, 9),), runs=9)
 

@@ -19,7 +19,7 @@ from rosette_ros.core.run.scheme import plan
 from rosette_ros.core.sight.bank import families_of
 from rosette_ros.core.uncertainty.error_summary import fit_lines
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.words.verdict_words import moves_words
+from rosette_ros.words.motion_words import moves_words
 
 SIGMA = 1e-7
 HIDDEN = {

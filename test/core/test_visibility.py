@@ -17,7 +17,7 @@ from rosette_ros.core.planning.advice import advise, planned_run
 from rosette_ros.core.run.scheme import places_in_use, plan
 from rosette_ros.core.sight.visibility import visibility
 from rosette_ros.words.advice_words import advice_words
-from rosette_ros.words.verdict_words import titles
+from rosette_ros.words.motion_words import titles
 
 # Shares for n = 12 from an independent check: row, diagonal, column, random. Those of a random order
 # depend on its seed.

@@ -13,21 +13,15 @@ from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
 from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.free import moving_bodies
 from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.core.planning.advice import planned_run
+from rosette_ros.core.run.scheme import plan
 from rosette_ros.core.uncertainty.stated_environment import Unseen
 from rosette_ros.presentation.formatting import glued
 from rosette_ros.words.effect_words import minutes_words
-from rosette_ros.words.verdict_words import (
-    HEADLINES,
-    MOVES,
-    NOTHING_TO_DO,
-    chance,
-    does_words,
-    missing_words,
-    unexplained_words,
-    unnamed_words,
-    verdict_text,
-)
+from rosette_ros.words.motion_words import MOVES, VERBS, chance, does_words, missing_words, unnamed_words
+from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, unexplained_words, verdict_text
 
 PACKAGE = Path(__file__).parents[2] / 'rosette_ros'
 PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'searched values', 'Judged is',
@@ -52,26 +46,32 @@ ALIKE = (('time', 'temperature', 'touches', 'travel'),)
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
 
 
-def unnamed(motion, *alternatives, of='time'):
+def unnamed(motion, *alternatives):
     """Return something without a name."""
     first, *others = map(tuple, alternatives)
-    found = Cause((), (motion,), tuple((one,) for one in first), 0.97, or_with=tuple(others))
-    return MissingEffect('free', Setting(of=of, kind='slow', along=motion), cause=found, together=0.97)
+    found = Cause((), (motion.partition(' along ')[0],), tuple((one,) for one in first), 0.97, or_with=tuple(others))
+    return MissingEffect('free', Setting(of='time', kind='slow', along=motion), cause=found, together=0.97)
+
+
+def ball(number, motion):
+    """Return a ball that moves with time without a name."""
+    found = Cause((), (f'ball {number}',), (('ball',), ('time',)), 0.97)
+    return replace(unnamed(motion, ['time']), cause=found)
 
 
 def test_what_has_no_name_is_said_by_body_and_variable():
     """Each body has its verb, each variable its words; of several alternatives none is preferred in silence."""
     assert unnamed_words(unnamed('frame along y', ['time since move'])) == (
-        'something moves the frame in y with the time since the last table move; its law is not in the library')
-    assert unnamed_words(unnamed('plate along its x and y', ['time', 'ball'], of='ball 7 × time')).startswith(
-        'something moves ball 7 along its x and y with time;')
+        'the probe moves in y with the time since the last table move (97 %); its law is not in the library')
+    assert unnamed_words(ball(7, 'plate along its x and y')) == (
+        'ball 7 moves along its x and y with time (97 %); its law is not in the library')
+    assert unnamed_words(ball(7, 'plate along its x, y and z')).startswith('ball 7 moves with time (97 %); ')
     assert unnamed_words(unnamed('plate growing', ['temperature'], ['time'])).startswith(
-        'something makes the plate grow or shrink with the temperature, or with time; ')
+        'the plate grows or shrinks with the temperature, or with time (97 %); ')
     one = unnamed('table axis tilting', ['table angle', 'time'])
     verdict = Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,))
     assert verdict_text(verdict).sentence == (
-        'Something tilts the table axis with the table angle and time; its law is not in the library '
-        '(probability 97 %).')
+        'The table axis tilts with the table angle and time (97 %); its law is not in the library.')
     assert unexplained_words(verdict) == unnamed_words(one)
 
 
@@ -80,18 +80,52 @@ def test_what_this_run_cannot_distinguish_is_said_once():
     one = replace(unnamed('table axis tilting', ['time'], ['table sense'], ['encoder'], ['move size'], ['travel']))
     one = replace(one, cause=replace(one.cause, variables=(('time', 'travel', 'touches'),)))
     assert unnamed_words(one) == (
-        'something tilts the table axis with time (correlated with it here: the angle that the table has turned and '
-        'the number of readings), or with the sense of rotation of the table, or with the lines of the encoder, or '
-        'with one of 2 other sets of variables; its law is not in the library')
+        'the table axis tilts with time (number of readings and table travel run alike), or with the sense of '
+        'rotation, or with the line of the encoder, or with one of 2 more (97 %); its law is not in the library')
     text = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,)))
-    assert text.action.endswith('; measure further readings to distinguish these.')
+    assert text.action == ('Check the cell for what changes with time, the table travel, the number of readings or one '
+                           'of 3 more; measure further readings to distinguish these.')
+
+
+def test_several_motions_say_once_what_they_share():
+    """What runs alike, which body is the same here, and that no law is known, once for all; and what one body does."""
+    alike = ('time', 'travel', 'touches', 'temperature', 'table angle', 'cmm memory')
+    bodies = ('frame', 'plate', 'plate tilting', 'table axis tilting', 'scales and squareness of the CMM')
+    probe = replace(unnamed('frame along x and y', ['time']), cause=Cause((), bodies, (alike,)), together=0.98)
+    again = replace(unnamed('frame along z', ['table sense', 'time']),
+                    cause=Cause((), bodies, (('table sense', 'move size'), alike)), together=0.94)
+    turn = replace(unnamed('table or plate turning', ['time']), together=0.91,
+                   cause=Cause((), ('table or plate turning', bodies[-1]), (('temperature', 'time'),)))
+    sentence = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(probe, again, turn))).sentence
+    assert len(sentence) < 400 and sentence == (
+        'The probe moves (the same here: plate, plate tilting or one of 2 more) in x and y with time (number of '
+        'readings, temperature and 3 more run alike; 98 %), and in z with the sense of rotation (size of the last '
+        'table move runs alike) and time (94 %); the table or the plate turns (the same here: CMM scales and '
+        'squareness) with the temperature (91 %); their laws are not in the library.')
+
+
+def test_laws_of_one_body_and_variable_are_one_statement():
+    """A second law is another one; a cause of several effects is said once, no law that is unlikely."""
+    drift = MissingEffect('frame_drift', Setting(), cause=cause('frame', ALIKE, 0.99, {'frame_drift': 0.9}))
+    step = MissingEffect('frame_step', Setting(), cause=cause('frame', ALIKE, 0.96, {
+        'frame_step': 0.85, 'frame_cycle': 0.09, 'frame_warmup': 0.02}))
+    assert verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (drift, drift, step))).sentence.startswith(
+        'The probe moves with time (99 %), most likely linear probe drift (90 %), and by another law (96 %), most '
+        'likely step in the machine coordinate system (85 %). With them the residual ')
+
+
+def test_a_residual_that_stays_too_large_is_said_once():
+    """How many times the repeatability it still is, in the sentence that says to what it falls."""
+    still = Residual(1.6e-7, 9.1e-8, 1e-9, 1.0)
+    assert verdict_text(Verdict(Outcome.NAMED, BEFORE, still, (slip(),))).sentence.endswith(
+        ' from 0.360 to 0.160 µm, still 1.76 times the repeatability (p <1e−6).')
 
 
 def test_why_a_likely_name_is_not_added():
     """It may be a part of what is said; alone it is not likely enough."""
-    for doubtful, words in ((('table_backlash', 0.99), 'Not added to the model, as it may be a part of the motion '
-                             'above: backlash of the table (99 %).'),
-                            (('table_backlash', 0.6), 'Possible, but not certain: backlash of the table (60 %).')):
+    for doubtful, words in ((('table_backlash', 0.99), 'Not added, as it may be part of the motion above: backlash '
+                             'of the table (99 %).'),
+                            (('table_backlash', 0.6), ' Possible: backlash of the table (60 %).')):
         verdict = Verdict(Outcome.NAMED, BEFORE, AFTER, (slip(),), doubtful=(doubtful,))
         assert verdict_text(verdict).sentence.endswith(words)
 
@@ -162,9 +196,10 @@ def test_a_cause_says_what_it_does_by_how_much_and_when():
     text = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (slip(),), hidden=('table_backlash',)))
     assert text.sentence == (
         'Ball 11 moves with time (99 %), most likely slip of one ball (96 %). With it the '
-        'residual standard deviation falls from 0.360 µm to 0.102 µm (repeatability 0.0910 µm).')
-    assert text.limits == ('This run cannot distinguish slip of one ball from loose ball (5 %).',
-                           'This run could not have shown backlash of the table.')
+        'residual standard deviation falls from 0.360 to 0.102 µm (repeatability 0.0910 µm).')
+    assert text.limits == (
+        'This run cannot distinguish slip of one ball from creep of one ball (4 %) or loose ball (5 %).',
+        'This run could not have shown backlash of the table.')
     assert does_words(slip()) == (
         'ball 11 moves by 1.900 ± 0.020 µm in x, 0.400 ± 0.020 µm in z between readings 69 and 74 (37.4 to 49.7 min, '
         '97 %)')
@@ -191,9 +226,13 @@ def test_a_size_that_is_not_determined_is_said_as_that():
      'the probe moves with time (99 %), most '
      'likely linear probe drift (61 %), warm-up of the machine (36 %)'),
     (MissingEffect('frame_drift', Setting(), {}, cause('frame', (('time', 'travel'),), 0.99, {
-        'frame_drift + frame_cycle': 0.8, '': 0.19})),
+        'frame_drift + frame_cycle': 0.6, '': 0.39})),
      'the probe moves with time (99 %), most likely linear probe drift '
-     'and periodic drift of the machine (80 %), a law that is not in the library (19 %)'),
+     'and periodic drift of the machine (60 %), one that is not in the library (39 %)'),
+    (MissingEffect('frame_step', Setting(), {}, cause('frame', ALIKE, 0.99, {
+        'frame_step + frame_step': 0.42, 'frame_step + frame_step + frame_step': 0.26, 'frame_step': 0.25})),
+     'the probe moves with time (99 %), most likely step in the machine coordinate system (2 times) (42 %), 3 times '
+     '(26 %), once (25 %)'),
     (MissingEffect('table_zero_drift', Setting(), {}, cause('table or plate turning', (('temperature',),), 0.99, {
         '': 0.93, 'table_zero_expansion': 0.06})),
      'the table or the plate turns with the temperature (99 %); its law is not in the library (93 %)'),
@@ -214,17 +253,18 @@ def test_what_is_less_than_sure_is_suspected():
     assert text.action == 'Eliminate the cause and repeat the measurement, or include it in the evaluation model.'
     assert HEADLINES[text.outcome] == 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL'
     text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, unnamed=(unnamed('plate growing', ['time']),)))
-    assert text.sentence.startswith('Something makes the plate grow or shrink with time; its law is not in the library')
+    assert text.sentence.startswith('The plate grows or shrinks with time (97 %); its law is not in the library')
     assert text.action == 'Check the cell for what changes with time.'
     assert text.level == 'doubtful' and text.model_fails
     both = Verdict(Outcome.UNNAMED, BEFORE, AFTER, (one,), (unnamed('plate growing', ['time']),))
     assert verdict_text(both).sentence.startswith('Ball 11 moves with time (80 %)')
-    assert 'Something makes the plate grow' in verdict_text(both).sentence
+    assert 'The plate grows or shrinks' in verdict_text(both).sentence
 
 
 def test_every_effect_says_what_it_does():
-    """Each motion has its verb."""
+    """Each motion has its verb, one without a name, too."""
     assert {type(one.motion) for one in LAWS.values()} == set(MOVES)
+    assert set(moving_bodies(planned_run(plan(6, 'random', 1), 0.18))) == set(VERBS)
 
 
 def test_numbers_keep_their_units():

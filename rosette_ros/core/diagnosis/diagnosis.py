@@ -149,7 +149,7 @@ class RunDiagnosis:
         lacking = fitted_effects(search, final, claims.named)
         hidden, useless = _invisible(search, [one.name for one in lacking]), not_needed(search.start)
         verdict = decide(replace(
-            facts_of(search.start, final), missing=lacking, unnamed=claims.unnamed, doubtful=claims.doubtful,
+            facts_of(search.start, final, claims.unnamed), missing=lacking, doubtful=claims.doubtful,
             hidden=strongest_first(search.run, hidden, search.model.base), not_needed=useless))
         if not verdict.model_fails:
             verdict = replace(verdict, unseen=unseen(final))

@@ -53,8 +53,11 @@ class NoiseFacts:
         return replace(self, step=0.0, rounded=0.0) != NoiseFacts()
 
 
-def noise_facts(fit: 'Fit') -> NoiseFacts:
-    """Return in what the noise of a fit is other than white and equal."""
+def noise_facts(fit: 'Fit', is_moved: bool = False) -> NoiseFacts:
+    """Return in what the noise of a fit is other than white and equal.
+
+    is_moved: whether its residual has a motion without a name, which makes neighbouring readings alike in any noise.
+    """
     noise, sigma, run = fit.noise, fit.sigma, fit.run
     size = (noise.axes**2 + noise.wander * (noise.phi < 1))**0.5
     worse, than = _unequal(size, bool(noise.wander.any()))
@@ -73,7 +76,7 @@ def noise_facts(fit: 'Fit') -> NoiseFacts:
             facts = replace(facts, wander=sigma * step**0.5, readings=1 / (1 - noise.phi))
         else:
             facts = replace(facts, correlation=noise.phi * step / (step + white))
-    elif not fit.step and fit.neighbours[1] < UNLIKELY:  # errors of rounding repeat where a coordinate does
+    elif not (is_moved or fit.step) and fit.neighbours[1] < UNLIKELY:  # errors of rounding repeat as a coordinate does
         facts = replace(facts, correlation=fit.neighbours[0])
     return facts
 

@@ -162,11 +162,13 @@ class Verdict(Judged):
         return bool(self.unnamed or (self.after and self.after.scatters))
 
 
-def facts_of(fit: 'Fit', final: 'Fit') -> Verdict:
-    """Return what fits say by themselves: of the model as given, and with all named effects that are claimed."""
+def facts_of(fit: 'Fit', final: 'Fit', unnamed: tuple[MissingEffect, ...] = ()) -> Verdict:
+    """Return what fits say by themselves, of the model as given and with all named effects that are claimed.
+
+    unnamed: motions without a name, which are in neither."""
     return Verdict(
-        Outcome.FITS, _residual(fit), _residual(final), noise=noise_facts(final), remarks=fit.run.remarks,
-        outliers=outliers(final, len(fit.effects)), wrong=wrong_readings(final),
+        Outcome.FITS, _residual(fit), _residual(final), unnamed=unnamed, noise=noise_facts(final, bool(unnamed)),
+        remarks=fit.run.remarks, outliers=outliers(final, len(fit.effects)), wrong=wrong_readings(final),
         too_large=_too_large(final), has_motions='table_motions' in fit.model.base,
         present=tuple((one.name, one.rms) for one in fit.effects
                       if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)))

@@ -93,6 +93,12 @@ def p_value(p: float) -> str:
     return f'{p:.2g}' if p >= 1e-4 else f'{p:.1e}'.replace('e-0', 'e−')
 
 
+def p_equation(p: float) -> str:
+    """Return a probability as 'p = 0.37' or 'p <1e−6'."""
+    value = p_value(p)
+    return f'p {value}' if value.startswith(('<', '>')) else f'p = {value}'
+
+
 def p_words(p: float) -> str:
     """Return that of a lack-of-fit test as 'p-value of the lack-of-fit test: 0.37'."""
     return f'p-value of the lack-of-fit test: {p_value(p)}'

@@ -24,8 +24,9 @@ from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
 from rosette_ros.words.effect_words import MEANINGS, words_of
+from rosette_ros.words.motion_words import titles
 from rosette_ros.words.result_words import check_words, reason_words
-from rosette_ros.words.verdict_words import HEADLINES, titles, verdict_text
+from rosette_ros.words.verdict_words import HEADLINES, verdict_text
 
 Action = Callable[[str, Setting | None], Awaitable[None] | None]
 """Takes the name of an effect and its setting."""
