@@ -168,7 +168,7 @@ def experience_words(one: MissingEffect) -> str:
 def likely_laws(cause: Cause) -> tuple[tuple[tuple[str, ...], float], ...]:
     """Return the laws of a cause that are said, the likeliest first: until one of them would be claimed; none that is
     unlikely."""
-    held, out = 0.0, []
+    held, out = 0.0, list[tuple[tuple[str, ...], float]]()
     for law, p in cause.laws[:MOST]:
         if out and (held >= CLAIM or p < 1 - SURE):
             break
@@ -310,10 +310,12 @@ def _alike_words(variables: Sequence[str]) -> str:
 
 
 def _others_words(cause: Cause, said: Said, own: Collection[str]) -> str:
-    """Return which bodies it may be as well, beside its own."""
+    """Return which bodies it may be as well, beside its own, and which are the same in this order."""
     others = said.new(min(own), [body for body in cause.bodies if body not in own and body in VERBS])
-    every = few([BODIES.get(body, body) for body in others], 'one of ', beside=1)
-    return f'the same here: {names(every, "or")}' if every else ''
+    apart, alike = ([BODIES.get(body, body) for body in others if (body in cause.alike) == is_alike]
+                    for is_alike in (False, True))
+    return '; '.join([f'{lead} {names(few(some, "one of ", beside=1), "or")}'
+                      for lead, some in (('or', apart), ('the same here:', alike)) if some])
 
 
 def few(every: Sequence[str], lead: str = '', beside: int = 0) -> list[str]:

@@ -178,11 +178,11 @@ class _Group:
         standing = [frozenset().union(*(some.standing(one) for some in self.said)) - {one} for one in kept]
         sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
 
-        alike = [body for one in self.said for body in sorted(one.alike)]
-        every = dict.fromkeys([*self._bodies(), *elsewhere, *alike])
+        moving = dict.fromkeys([*self._bodies(), *elsewhere])
+        alike = sorted(frozenset().union(*(one.alike for one in self.said)) - moving.keys())
         likeliest = tuple((law, p / total) for law, p in sorted(laws.items(), key=lambda pair: -pair[1]))
-        return Cause(self.places, tuple(every), tuple(reversed(sets.values())), sum(laws.values()) / total, likeliest,
-                     or_with=tuple(or_with))
+        return Cause(self.places, (*moving, *alike), tuple(reversed(sets.values())), sum(laws.values()) / total,
+                     likeliest, or_with=tuple(or_with), alike=frozenset(alike))
 
 
 def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tuple[Cause, ...]:
