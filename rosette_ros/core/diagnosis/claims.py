@@ -16,7 +16,8 @@ from rosette_ros.core.diagnosis.null_gains import p_of_tail
 from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.effects.effect import PhysicalEffect
 from rosette_ros.core.effects.free import PLACES, moving_bodies
-from rosette_ros.core.run.records import Floats
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.run.records import UNLIKELY, Floats
 
 NEAR_LAW = 0.05
 """Share of its log likelihood, and at least 2, by which another law of the same motion has to be worse."""
@@ -46,9 +47,13 @@ class Claims:
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What the members of the best hypothesis say moves with what, the likeliest first."""
-        found = self._causes_of(self.chosen)
-        return tuple(sorted((replace(one, law_certain=self._is_certain(one)) for one in found),
+        return tuple(sorted((replace(one, law_certain=self._is_certain(one)) for one in self._found),
                             key=lambda one: -one.probability))
+
+    @cached_property
+    def _found(self) -> tuple[Cause, ...]:
+        """The same, before it is known which laws are certain."""
+        return self._causes_of(self.chosen)
 
     def _causes_of(self, state: State) -> tuple[Cause, ...]:
         said = {one.place: self._as_moving(state, place) for place, one in enumerate(state.members)}
@@ -81,11 +86,14 @@ class Claims:
         Neither a law of another body nor a course without a name comes near. Beside a motion without a name none is
         certain: what has a law of its own may be a part of it; nor are two of the same motion or of the same kind
         of course, in one cause or in two: they may be parts of one that the grammar lacks; nor is one where a place of
-        the readings stands for the time or travel that it is a law of."""
+        the readings stands for the time or travel that it is a law of, or where the readings refute all that is
+        claimed."""
         places = frozenset(PLACES)
         if (len(cause.names) != 1 or cause.law_probability < SURE
                 or any(one.family.is_free for one in self.chosen.members)
                 or any(not places.isdisjoint(some) and not places.issuperset(some) for some in cause.variables)):
+            return False
+        if (p := self.fit.lack_of_fit_p) is not None and p < UNLIKELY:
             return False
 
         place = next(k for k, one in enumerate(self.chosen.members) if one.place in cause.places)
@@ -102,6 +110,9 @@ class Claims:
         return True
 
     def _cause_of(self, member: Member) -> Cause:
+        return next(one for one in self._found if member.place in one.places)
+
+    def _certain(self, member: Member) -> Cause:
         return next(one for one in self.causes if member.place in one.places)
 
     # What is claimed
@@ -124,10 +135,15 @@ class Claims:
         return tuple(sorted(out, key=lambda one: -falls[one]))
 
     @cached_property
+    def fit(self) -> Fit:
+        """The fit with all that is claimed."""
+        return self._search.with_members(self.members)
+
+    @cached_property
     def named(self) -> tuple[MissingEffect, ...]:
         """The members that are claimed as effects."""
         named, members = self._search.posterior.named, self.chosen.members
-        return tuple(replace(self._with_experience(named[one.name]), setting=one.setting, cause=self._cause_of(one),
+        return tuple(replace(self._with_experience(named[one.name]), setting=one.setting, cause=self._certain(one),
                              p=self._p_of_member(members.index(one)), visible_fraction=one.sensitivity)
                      for one in self.members)
 
@@ -146,7 +162,7 @@ class Claims:
         out = []
         for place, one in enumerate(self.chosen.members):
             if one.family.is_free and self._is_guarded(place):
-                cause = self._cause_of(one)
+                cause = self._certain(one)
                 out.append(MissingEffect(one.family.effect.name, one.setting, cause=cause, together=cause.probability,
                                          p=self._p_of_member(place), visible_fraction=one.sensitivity))
         return tuple(out)

@@ -142,7 +142,7 @@ class RunDiagnosis:
     def found(self) -> Diagnosis:
         """The Diagnosis without candidates and shapes."""
         search, claims = self.search, self.claims
-        final = search.with_members(claims.members)
+        final = claims.fit
         if claims.members:
             final = over_all(final, self.explained)
 
