@@ -355,7 +355,8 @@ class Bank:
                     own, wave, which = piece.within(waves)
                     group, begin = self.groups[piece.key], piece.place.start
                     place, q = slice(begin + own.start, begin + own.stop), part.m * which.shape[1]
-                    out[piece.key][place, :q] = part.rows_of(left, wave, which)[..., 0] * group.mix[place, :q]**2
+                    mix = group.mix[place, :q]
+                    out[piece.key][place, :q] = mix * part.rows_of(left, wave, which)[..., 0] * mix  # mix**2 may be inf
         return out
 
     def products(self, rows: Floats, whitening: Whitening, is_open: bool = True) -> dict[Key, Reals]:
