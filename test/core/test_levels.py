@@ -135,9 +135,9 @@ def test_what_is_less_than_sure_is_suspected():
 
 
 def test_curves_are_those_of_all_explanations():
-    """In a row a step of the frame may be a slip of the plate, which moves other curves: mean and variance are those of
-    both, and where one explanation is left, the curves are its own."""
-    found = found_in('row', 'step')
+    """In a row steps of the frame may be slips of the plate, which move other curves: mean and variance are those of
+    all, and where one explanation is left, the curves are its own."""
+    found = found_in('row', 'two steps')
     p, fits = zip(*found.with_cause.explanations)
     assert len(p) > 1 and max(p) < 0.9 and found.with_cause.explanations == found.final.explanations
     weight = np.array(p) / sum(p)

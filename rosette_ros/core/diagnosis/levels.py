@@ -102,14 +102,14 @@ class _Group:
 
     laws: probability of each law that does it; seen: of each variable with which it may move; moved: of each set of
     bodies that move; apart: of each law by which the same body moves with other variables, or others with the same, by
-    the bodies and variables.
+    the bodies and these variables, None for the same.
     """
 
     def __init__(self, places: Sequence[Place], said: Mapping[Place, Cause]) -> None:
         self.places = tuple(places)
         self.said = [said[place] for place in places]
         self.laws, self.seen, self.moved = Laws(), dict[str, float](), dict[frozenset[str], float]()
-        self.apart: dict[tuple[frozenset[str], tuple[str, ...]], Laws] = {}
+        self.apart: dict[tuple[frozenset[str], tuple[str, ...] | None], Laws] = {}
 
     def has_name(self, name: str) -> bool:
         return any(family.name == name for family, _ in self.places)
@@ -132,7 +132,7 @@ class _Group:
             for place, other in [(k, one) for k, one in enumerate(others) if is_it(one)][:1]:
                 del others[place]
                 bodies = frozenset(body for body in other.bodies if body not in other.alike)
-                variables = tuple(sorted(other.own)) if is_it == self._moves_same else ()
+                variables = tuple(sorted(other.own)) if is_it == self._moves_same else None
                 _add(self.apart.setdefault((bodies, variables), {}), _law([other]), p)
                 return
 
@@ -159,12 +159,12 @@ class _Group:
         """Return the Cause; total: probability of all hypotheses that were counted."""
         laws, or_with, elsewhere = self.laws.copy(), list[tuple[str, ...]](), list[str]()
         apart = sorted(((sum(some.values()), sorted(bodies), variables)
-                        for (bodies, variables), some in self.apart.items()), reverse=True)
+                        for (bodies, variables), some in self.apart.items()), key=lambda one: -one[0])
         left = sum(p for p, _, _ in apart)
         moved = sum(laws.values()) + left
         for p, bodies, other_variables in apart:
             if left > LISTED * moved:
-                if other_variables and other_variables not in or_with:
+                if other_variables is not None and other_variables not in or_with:
                     or_with.append(other_variables)
                 elsewhere += bodies
                 left -= p

@@ -278,9 +278,10 @@ class Evidence:
         is likely; None where something is, so that all have to be solved.
 
         They are estimated as if the columns of a course were apart; those that may be likely are solved one by one."""
-        if not self.space.whitening.is_diagonal or any(one.gain > 0 for one in self.empty.offers(is_open=False)):
-            return None
         bank, numbers, estimates = self.bank, [], []
+        if not (self.space.whitening.is_diagonal and any(one.is_free for one in bank.families)) or any(
+                one.gain > 0 for one in self.empty.offers(is_open=False)):
+            return None
         for key, square in bank.squares_left(self.space).items():
             group = bank.groups[key]
             seen = np.flatnonzero(np.sum(square, axis=1) >= HIDDEN_SHARE**2 * np.maximum(group.rank, 1))
