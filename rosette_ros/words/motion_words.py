@@ -101,8 +101,9 @@ class _Statement(NamedTuple):
 
     @property
     def words(self) -> str:
-        return ' '.join(filter(None, (self.who, _bracket(self.others), self.way,
-                                      _bracket(self.alike, self.probability)))) + self.law
+        first = [self.who, _bracket(self.others)] if self.who else []
+        last = _bracket(*[self.others] * (not self.who), self.alike, self.probability)
+        return ' '.join(filter(None, (*first, self.way, last))) + self.law
 
 
 def _bracket(*parts: str) -> str:

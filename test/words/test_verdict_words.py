@@ -113,6 +113,14 @@ def test_a_body_that_may_move_as_well_is_an_alternative():
     assert moves_of(one).startswith('The probe moves (or plate tilting; the same here: table axis tilting) in z with ')
 
 
+def test_a_second_statement_of_a_body_has_its_alternatives_in_its_bracket():
+    """It does not begin with one."""
+    probe = replace(unnamed('frame along z', ['time']), cause=Cause((), ('frame',), (('time',),)))
+    again = replace(unnamed('frame along z', ['temperature']), cause=Cause((), ('frame', 'plate'), (('temperature',),)))
+    said = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(probe, again))).sentence
+    assert ', and in z with the temperature (or plate; ' in said
+
+
 def moves_of(one):
     """Return the sentence of a motion without a name."""
     return verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,))).sentence
