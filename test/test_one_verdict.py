@@ -199,7 +199,7 @@ def test_a_combination_and_what_is_left_stand_in_the_sentence():
     assert {one.name for one in verdict.missing} == {'frame_drift', 'plate_warp'} and verdict.unexplained
     text = verdict_text(verdict)
     for words in ('linear probe drift', '; the plate warps with time (', 'warping of the plate', 'With them',
-                  ' µm, still 1.9', ' times the repeatability (p <1e'):
+                  ' µm, still 2.0', ' times the repeatability (p <1e'):
         assert words in text.sentence
     assert text.action.startswith('Eliminate the causes and repeat the measurement, or include them in the evaluation '
                                   'model') and 'rosette' not in text.action

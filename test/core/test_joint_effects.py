@@ -114,7 +114,7 @@ def test_a_time_constant_is_one_of_the_machine():
 
 def test_runs_with_correlated_noise_are_joined():
     """Their common curves are off by about what their U says; each run brings its own kind."""
-    _, runs, truth = drawn_runs(2, 7, 2, 'ar_0.6', clean=True)
+    _, runs, truth = drawn_runs(2, 8, 2, 'ar_0.6', clean=True)
     result = evaluate_jointly([Readings.of(run) for run in runs], {'by_sense': False})
     assert [run.noise.kinds for run in result.solution.beside.runs] == [('wander',)] * 2
     ((_, motions),) = result.curves
