@@ -3,10 +3,13 @@
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
-from simulated import DRIFT, simulated_run, simulated_table
+from simulated import DRIFT
+from simulated import simulated_run as run_of
+from simulated import simulated_table as table_of
 
 from rosette_ros.cli.console import console, print_table
 from rosette_ros.presentation.table_format import Table, column, words
@@ -14,6 +17,7 @@ from rosette_ros.presentation.table_format import Table, column, words
 pytestmark = pytest.mark.long
 
 SIGMA = 1e-7
+simulated_run, simulated_table = partial(run_of, n=8), partial(table_of, n=8)
 
 
 @pytest.fixture
