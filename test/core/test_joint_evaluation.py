@@ -280,3 +280,12 @@ def test_normalised_errors_of_simulated_runs(kind):
         errors += [(motions.values - truth) / motions.u for _, motions in result.curves]
         errors += [one.motions.values / one.motions.u for one in result.reversals]
     assert 0.8 < np.sqrt(np.mean(np.square(errors))) < 1.2
+
+
+def test_runs_without_noise_have_that_which_no_readings_lack():
+    """What their orders hide is then all of U in an environment; it was a matrix that is not positive definite."""
+    machine = Machine(config(n=6, probing={'repeatability_um': 0.0}, table={'positioning_urad': 0.0}))
+    runs = [Readings.of(machine.run(plan(6, order, 1))) for order in ('interleaved', 'diagonal')]
+    result = evaluate_jointly(runs)
+    assert result.sigma >= 1e-10
+    assert result.unseen is not None and result.unseen.whole > 1e-8

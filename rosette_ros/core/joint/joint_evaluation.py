@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import scipy  # which loads its parts where they are used
 
+from rosette_ros.core.diagnosis.log_evidence import NOISELESS
 from rosette_ros.core.joint.explained_runs import BesideBase, explained_runs, visible_of
 from rosette_ros.core.joint.joint_curves import by_likeliest, choices_of, fitted_effects, over_choices
 from rosette_ros.core.joint.joint_model import JointModel, TableSet
@@ -119,10 +120,10 @@ class JointResult:
                 look = partial(self.solution.look, place, run.table_offset)
                 claimed = {one.name for one in self.solution.beside.hypotheses[place].effects}
                 covariance, rows = hidden_covariance(
-                    run, self.environment or LABORATORY, self.rms or 1.0, self.solution.dof, look, claimed)
+                    run, self.environment or LABORATORY, max(self.rms, NOISELESS), self.solution.dof, look, claimed)
                 for name, some in rows.items():
                     factors.setdefault(name, []).append((place, some))
-            every.append(covariance / (self.sigma or 1.0)**2)
+            every.append(covariance / self.sigma**2)
         return JointSolution(self.solution.model, self.solution.beside, every), factors
 
     @property
@@ -373,8 +374,10 @@ def _are_near(one: Frame, other: Frame | None) -> bool:
 
 
 def _sigma(solution: JointSolution) -> tuple[float, float, SigmaSource, float | None]:
-    """Return the standard deviation of a coordinate, its degrees of freedom, its source, and p of lack of fit."""
-    runs, rms = solution.model.runs, float(np.sqrt(solution.rss / solution.dof))
+    """Return the standard deviation of a coordinate, its degrees of freedom, its source, and p of lack of fit.
+
+    Readings that all fit to the last digit have the noise that none lack."""
+    runs, rms = solution.model.runs, max(float(np.sqrt(solution.rss / solution.dof)), NOISELESS)
     rounding = float(np.sqrt(np.average([run.rounding**2 for run in runs], weights=[run.size for run in runs])))
     noises = [run.noise for run in solution.beside.runs]
     # a repeatability without degrees of freedom is known exactly: as if it had very many
@@ -391,7 +394,7 @@ def _sigma(solution: JointSolution) -> tuple[float, float, SigmaSource, float | 
         return rms, solution.dof, SigmaSource.LARGER, p
     if any(one.by or one.tail for one in noises):
         return rms, solution.dof, SigmaSource.UNEQUAL, p
-    pooled = float(np.sqrt((solution.rss + dof * sd**2) / (solution.dof + dof)))
+    pooled = float(np.sqrt((solution.dof * rms**2 + dof * sd**2) / (solution.dof + dof)))
     if pooled < rounding:
         return rounding, EXACT, SigmaSource.ROUNDING, p
     return pooled, solution.dof + dof, SigmaSource.REPEATABILITY if dof >= EXACT else SigmaSource.POOLED, p
