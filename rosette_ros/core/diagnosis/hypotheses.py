@@ -5,13 +5,13 @@ Neither of two effects may be worth anything alone, so that a search that adds t
 the best setting of each named family is kept in a pool, of which all pairs are scored together.
 """
 
-import math
 from collections.abc import Callable, Collection, Container, Iterator
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement, islice, product
 from operator import attrgetter
 
 import numpy as np
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.log_evidence import ENOUGH, NEAR, Evidence, Member, Place, State, turned_by
 from rosette_ros.core.effects.effect import Setting
@@ -305,7 +305,8 @@ def refined(member: Member, worth: Callable[[Member], float], fixed: Container[s
             if isinstance(bracket, tuple):
                 # strong effects want it so exact that what is left of them is no structure
                 share = min(COARSE, FINE / max(worth(member), 1.0)**0.5)
-                value = minimum(loss, bracket, share * (bracket[1] - bracket[0]), 9 if share == COARSE else 40)
+                value = scipy.optimize.minimize_scalar(loss, bounds=bracket, method='bounded', options={
+                    'xatol': share * (bracket[1] - bracket[0]), 'maxiter': 9 if share == COARSE else 40}).x
             elif len(bracket):
                 value = min(bracket, key=loss)
             else:
@@ -313,41 +314,3 @@ def refined(member: Member, worth: Callable[[Member], float], fixed: Container[s
             member = max(member, at(name, value), key=worth)
         if len(brackets) < 2 or worth(member) <= before + ENOUGH:
             return member
-
-
-def minimum(loss: Callable[[float], float], bracket: tuple[float, float], tolerance: float, most: int) -> float:
-    """Return the place of a minimum of a function within a bracket, by Brent's method, to a tolerance.
-
-    most: calls of the function. Parabolas through the three best places; where these do not close in, golden section.
-    R. P. Brent, Algorithms for Minimization without Derivatives (1973), chapter 5."""
-    (low, high), golden, root_epsilon = bracket, (3 - math.sqrt(5)) / 2, math.sqrt(2.2e-16)
-    best = second = third = low + golden * (high - low)
-    worth = worth_second = worth_third = loss(best)
-    step = before = 0.0
-    for _ in range(most - 1):
-        least = root_epsilon * abs(best) + tolerance / 3
-        if abs(best - (low + high) / 2) <= 2 * least - (high - low) / 2:
-            break
-        r, q = (best - second) * (worth - worth_third), (best - third) * (worth - worth_second)
-        p, q = (best - third) * q - (best - second) * r, 2 * (q - r)
-        p, q, earlier, before = -p if q > 0 else p, abs(q), before, step
-        if abs(earlier) > least and abs(p) < abs(q * earlier / 2) and q * (low - best) < p < q * (high - best):
-            step = p / q
-            if min(best + step - low, high - best - step) < 2 * least:
-                step = least if best <= (low + high) / 2 else -least
-        else:
-            before = (low if best >= (low + high) / 2 else high) - best
-            step = golden * before
-        place = best + math.copysign(max(abs(step), least), step)
-        value = loss(place)
-        if value <= worth:
-            low, high = (best, high) if place >= best else (low, best)
-            third, worth_third, second, worth_second = second, worth_second, best, worth
-            best, worth = place, value
-        else:
-            low, high = (place, high) if place < best else (low, place)
-            if value <= worth_second or second == best:
-                third, worth_third, second, worth_second = second, worth_second, place, value
-            elif value <= worth_third or third in (best, second):
-                third, worth_third = place, value
-    return best
