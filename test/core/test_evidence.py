@@ -153,6 +153,26 @@ def test_the_kind_of_noise_is_found():
     assert NoiseKinds(beside).found()[0].kinds == ()
 
 
+def test_a_wander_beside_motions_has_the_prior_of_one():
+    """Its log evidence falls by what a kind of noise has more; that of scatter stays."""
+    run, rng = run_of(6), np.random.default_rng(3)
+    y = np.cumsum(rng.standard_normal((run.size, 3)), axis=0) + rng.standard_normal((run.size, 3))
+    beside = Beside(run, RADIUS, BASE_TERMS, y, np.zeros((0, run.size, 3)), np.zeros((0, run.size, 3)), np.zeros(0))
+    alone, among = NoiseKinds(beside), NoiseKinds(beside, of_motion=-7.5)
+    before, after = ({one.kinds: one.log_evidence for one in kinds.found()} for kinds in (alone, among))
+    assert after['wander',] - before['wander',] == pytest.approx(-7.5 - alone._each)
+    assert all(after[kinds] == before[kinds] for kinds in after if 'wander' not in kinds)
+
+
+@pytest.mark.parametrize('noise', ['white', 'unequal'])
+def test_square_sums_of_free_courses_are_those_that_are_left(noise):
+    """Without the products of their columns: the diagonals."""
+    evidence = evidence_of(run_of(6), noise=noise)
+    left = evidence.bank.left(evidence.space, of_free=True)
+    for key, square in evidence.bank.squares_left(evidence.space).items():
+        assert square == pytest.approx(np.einsum('bqq->bq', left[key]), abs=1e-5)
+
+
 def test_what_may_join_a_hypothesis_joins_it_as_it_is():
     """The best member of a family is a Member: in a State it has the same rows and its likeliest size there, and keeps
     its own outside; at another setting it is what the evidence makes of that."""

@@ -211,6 +211,18 @@ def test_what_moves_of_the_cmm_leave_goes_by_their_length(stays, variable):
     assert cause.probability > 0.97 and cause.laws[0][0] == ()
 
 
+def test_a_frame_that_wanders_moves_with_time():
+    """A hypothesis in which it does counts for the frame and time, and for time where another body moves with it."""
+    run = planned_run(plan(6, 'random', 1), 0.18)
+    weight = np.exp([3.0, 2.5, 0.0])
+    for name, bodies in (('time | frame', ('frame',)), ('time | plate tilting', ('plate tilting', 'frame'))):
+        place = place_of(run, name)
+        looked = {((name,), ()): (3.0, (place,)), ((), ('wander',)): (2.5, ()), ((), ()): (0.0, ())}
+        cause, = causes_of(Posterior(looked), run, {place: motion_of(run, place)})
+        assert cause.bodies == bodies and cause.variables[0][0] == 'time' and cause.laws[0][0] == ()
+        assert cause.probability == pytest.approx(weight[:2].sum() / weight.sum())
+
+
 def test_what_moves_by_a_constant_amount_is_said_so():
     """The stem of a ball leans in the machine: its ball moves with nothing, in the hypotheses that have it and in place
     of a slip. Every effect of the library can be said so, where no law is certain."""
