@@ -28,7 +28,7 @@ class Cause:
     amount; or_with: where that is not sure, what they move with in other hypotheses, likeliest first, until it is;
     probability: that one of these bodies moves with one of these variables, by any law; laws: sets of names that do it,
     likeliest first, empty without a name, each with the probability that it is this; law_certain: whether that of the
-    best hypothesis is surely it, no other one of the same motion being near by likelihood.
+    best hypothesis is surely it, no other one of the same motion being near by likelihood and no reading against it.
     """
 
     places: 'tuple[Place, ...]' = field(compare=False)  # families belong to one search

@@ -109,10 +109,11 @@ class Claims:
                 return False
         return True
 
-    def _cause_of(self, member: Member) -> Cause:
+    def _found_of(self, member: Member) -> Cause:
+        """Return the Cause of a member before it is known whether its law is certain, which what is claimed decides."""
         return next(one for one in self._found if member.place in one.places)
 
-    def _certain(self, member: Member) -> Cause:
+    def _cause_of(self, member: Member) -> Cause:
         return next(one for one in self.causes if member.place in one.places)
 
     # What is claimed
@@ -129,8 +130,8 @@ class Claims:
                if one.name in named and self._is_guarded(place) and not any(
                    other.size > one.size or motion_of(self._run, other.place).agrees(motion_of(self._run, one.place))
                    for other in free)
-               and self._cause_of(one).laws[0][0]
-               and max(self._cause_of(one).probability, named[one.name].together) >= CLAIM]
+               and self._found_of(one).laws[0][0]
+               and max(self._found_of(one).probability, named[one.name].together) >= CLAIM]
         falls = {one: State(self._search.evidence, [other for other in out if other is not one]).rss for one in out}
         return tuple(sorted(out, key=lambda one: -falls[one]))
 
@@ -143,7 +144,7 @@ class Claims:
     def named(self) -> tuple[MissingEffect, ...]:
         """The members that are claimed as effects."""
         named, members = self._search.posterior.named, self.chosen.members
-        return tuple(replace(self._with_experience(named[one.name]), setting=one.setting, cause=self._certain(one),
+        return tuple(replace(self._with_experience(named[one.name]), setting=one.setting, cause=self._cause_of(one),
                              p=self._p_of_member(members.index(one)), visible_fraction=one.sensitivity)
                      for one in self.members)
 
@@ -162,7 +163,7 @@ class Claims:
         out = []
         for place, one in enumerate(self.chosen.members):
             if one.family.is_free and self._is_guarded(place):
-                cause = self._certain(one)
+                cause = self._cause_of(one)
                 out.append(MissingEffect(one.family.effect.name, one.setting, cause=cause, together=cause.probability,
                                          p=self._p_of_member(place), visible_fraction=one.sensitivity))
         return tuple(out)
