@@ -17,7 +17,7 @@ from rosette_ros.core.run.errors import CellError
 from rosette_ros.dme import wire
 from rosette_ros.dme.dme_settings import TimeoutSettings
 
-ABORTED, CLAMPED, NO_SURFACE = 6, 504, 1006
+ABORTED, CLAMPED, NOT_CLEARED, NO_SURFACE = 6, 504, 514, 1006
 OF_A_COMMAND = frozenset((ABORTED, 501, 502, 505, 506, 507, 508, 509, 510, 511, 513, NO_SURFACE, 1008, 1010, 1502,
                           1503, 2000, 2002, 2500, 2505, 2506))
 """Errors that concern one command: the machine stands as it is used to. After any other severe one a person looks."""
@@ -294,6 +294,8 @@ class DmeSession:
         asyncio.get_running_loop().call_later(self._timeouts.abort_s, self._give_up, tuple(self._pending.values()))
 
     def _stop_for(self, error: wire.DmeError) -> None:
+        if error.number == NOT_CLEARED and (self.stop or self._aborting.locked()):
+            return  # a command that was waiting: what stopped the machine is known
         for_person = error.number not in OF_A_COMMAND or error.severity > 3
         self._stop(f'{error}{"; a person has to look at the machine" if for_person else ""}', for_person)
 

@@ -333,13 +333,16 @@ class TopicPublishers:
     def conflict(self) -> str:
         """That more than one node publishes the topic, in words; '' where it is not so."""
         if self.is_restart:
-            who = min(self._names[gid] for gid in self.found)
-            return f'{who} was restarted, and its process before leaves the graph within {LEAVES:g} s'
+            return f'{min(self._named)} was restarted, and its process before leaves the graph within {LEAVES:g} s'
         return f'{len(self.found)} nodes {self._verb} {self.topic} ({self._who})' if len(self.found) > 1 else ''
 
     @property
     def _who(self) -> str:
         return ' and '.join(sorted(self._names[gid] for gid in self.found))
+
+    @property
+    def _named(self) -> set[str]:
+        return {self._names[gid] for gid in self.found} - {UNNAMED}
 
     @property
     def is_tried(self) -> bool:
@@ -349,9 +352,11 @@ class TopicPublishers:
     @property
     def is_restart(self) -> bool:
         """Whether there are two because a node without a status was started again: a second process of the same name,
-        since no longer than the one before may stay on the graph after its end."""
-        processes, who = {process_of(gid) for gid in self.found}, {self._names[gid] for gid in self.found}
-        if len(processes) < 2 or len(who) > 1 or UNNAMED in who:
+        since no longer than the one before may stay on the graph after its end.
+
+        One whose node has no name yet, which comes a moment after its publishers, may have that of the other."""
+        processes = {process_of(gid) for gid in self.found}
+        if len(processes) < 2 or len(self._named) != 1:
             return False
         last = max(self._first_seen[gid] for gid in self.found)
         return time.monotonic() - last < LEAVES and processes.isdisjoint(

@@ -364,7 +364,8 @@ def test_the_end_of_the_node_aborts(cell, client, served, wait_until, soon):
 
 def test_a_node_whose_parent_has_ended(served, domain_id, cell, wait_until, tmp_path, soon):
     """AbortE within 0.2 s of the end of the process that started the node, however it ended; EndSession after it."""
-    wait_until(lambda: cell.processes[names.CMM].has_ended)  # the server has room for one client
+    cell.processes[names.CMM].end(signal.SIGINT)  # the server has room for one client
+    wait_until(lambda: cell.processes[names.CMM].has_ended)
     parent = subprocess.Popen(
         [sys.executable, '-c', 'import os, subprocess, sys, time\n'
          f'os.environ[{names.PARENT_PID!r}] = str(os.getpid())\n'
@@ -389,7 +390,7 @@ def test_a_node_whose_parent_has_ended(served, domain_id, cell, wait_until, tmp_
         assert ended < served.when('< E.* AbortE', began) < ended + soon(ended)
         wait_until(lambda: served.when('< .* EndSession', ended))
         assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
-    assert not StopMark(served.settings).path.exists()
+    assert not StopMark(served.settings).read()
 
 
 def quietly(call, *arguments):
