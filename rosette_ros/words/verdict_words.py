@@ -79,12 +79,13 @@ def unexplained_words(verdict: Verdict) -> str:
 
 
 def _sentences(verdict: Verdict) -> list[str]:
-    out = [*_outcome(verdict), *_wrong(verdict)]
+    wander = _wander_words(verdict.noise) if not (verdict.missing or verdict.unnamed) else ''
+    out = [f'The probe moves with time by no law: {wander}.'] * bool(wander) + [*_outcome(verdict), *_wrong(verdict)]
     if verdict.too_large:
         out.append(f'The stated repeatability is {multiple(verdict.too_large)} times what the readings show, so '
                    'uncertainties based on it are too large.')
-    if verdict.noise.is_other:
-        out.append(f'The noise is {noise_kind(verdict.noise)}: {"; ".join(_other_noise(verdict.noise))}.')
+    if noise := [one for one in _other_noise(verdict.noise) if one != wander]:
+        out.append(f'The noise is {noise_kind(verdict.noise)}: {"; ".join(noise)}.')
     out += [f'{capital(one)}.' for one in _rounding_words(verdict.noise)]
     beside = [one for one in verdict.doubtful if one[1] >= SURE and (verdict.missing or verdict.unnamed)]
     out += [f'{lead}: {names(f"{title_of(name)} ({chance(p)})" for name, p in some)}.' for lead, some in (
@@ -115,8 +116,9 @@ def _outcome(verdict: Verdict) -> list[str]:
             what = causes_words(verdict.missing, said)
             known = (f', still {_in_repeatabilities(after)}' if after.scatters and not verdict.unnamed else
                      '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})')
-            lacks = (f'{capital(what)}. With {it} the residual standard deviation falls from '
-                     f'{significant(1e6 * before.rms)} to {micrometres(after.rms)}{known}.')
+            comes = f'falls from {significant(1e6 * before.rms)} to' if after.rms < before.rms else 'is'
+            lacks = (f'{capital(what)}. With {it} the residual standard deviation {comes} '
+                     f'{micrometres(after.rms)}{known}.')
             return [lacks, *_unnamed_sentence(verdict.unnamed, said), *basis]
         case Outcome.UNNAMED | Outcome.SUSPECTED:
             return [*_unnamed_sentence(verdict.unnamed, said), *basis]
@@ -133,6 +135,8 @@ def _outcome(verdict: Verdict) -> list[str]:
 
 def _fits(verdict: Verdict, residual: Residual) -> str:
     """Return that a model fits; of a residual that has structure only that no effect of the grammar explains it."""
+    if _wander_words(verdict.noise):
+        return f'{capital(_against_repeatability(residual))}.'
     if verdict.has_structure:
         return f'No missing effect is found, but {_against_repeatability(residual)}.'
     return f'The model fits: {_against_repeatability(residual)} and shows no structure.'
@@ -292,13 +296,18 @@ def _other_noise(noise: NoiseFacts) -> list[str]:
         where, *alike = map(_group, noise.noisiest)
         same = f' (this run cannot distinguish it from {" or ".join(alike)})' if alike else ''
         out.append(f'{where} scatters {noise.factor:.1f} times as much as the others{same}')
-    if noise.walk:
-        out.append(f'the frame wanders by {micrometres(noise.walk)} over the run (random walk)')
-    elif noise.wander:
-        out.append(f'the frame wanders by {micrometres(noise.wander)} within about {noise.readings:.0f} readings')
+    if wander := _wander_words(noise):
+        out.append(wander)
     elif noise.correlation:
         out.append(f'autocorrelation (lag 1) {noise.correlation:+.1f}'.replace('-', '−'))
     return out
+
+
+def _wander_words(noise: NoiseFacts) -> str:
+    if noise.walk:
+        return f'the frame wanders by {micrometres(noise.walk)} over the run (random walk)'
+    return (f'the frame wanders by {micrometres(noise.wander)} within about {noise.readings:.0f} readings'
+            if noise.wander else '')
 
 
 def noise_actions(noise: NoiseFacts) -> list[str]:

@@ -106,6 +106,17 @@ def test_a_family_is_named():
     assert not wrong, wrong
 
 
+def test_three_balls_that_creep_are_no_plate_that_tilts():
+    """Neighbours that a hand has warmed, each with its own time: a tilt of the plate explains more than one alone."""
+    def displacement(run):
+        return sum(of_ball(run, ball, -np.expm1(-share(run) / tau), [0.3 * size, 0, size])
+                   for ball, size, tau in ((6, 1.0, 0.3), (7, 1.3, 0.15), (8, 0.8, 0.4)))
+
+    found = find(measured(displacement, 'interleaved', 40.0, n=8))
+    assert found.missing == ('ball_creep',) and not found.unexplained
+    assert {one.number('ball') for one in found.causes} == {6, 7, 8}
+
+
 @pytest.mark.long
 def test_the_direction_of_approach_is_judged_where_positions_are_left_out_by_plan():
     """The CMM went from reading to reading; where one is lost, it came from a ball that the run does not have."""

@@ -14,6 +14,7 @@ from rosette_ros.core.diagnosis.levels import causes_of, motion_of
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.diagnosis.verdict import Level, Outcome, decide, facts_of
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.free import variables
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.core.sight.bank import families_of
@@ -29,6 +30,8 @@ HIDDEN = {
     'slip': [{'kind': 'ball_slip', 'ball': 3, 'shift_um': [1.5, 1.0, 0.5], 'at_h': 0.5}],
     'large slip': [{'kind': 'ball_slip', 'ball': 3, 'shift_um': [3.0, 2.0, 1.0], 'at_h': 0.4}],
     'step': [{'kind': 'frame_step', 'step_um': [0.0, 0.4, 0.0], 'at_h': 0.3}],
+    'clear step': [{'kind': 'frame_step', 'step_um': [1.5, 1.0, 1.5], 'at_h': 0.3}],
+    'reversal': [{'kind': 'cmm_reversal', 'value_um': [1.5, 1.0, 0.0]}],
     'two steps': [{'kind': 'frame_step', 'step_um': [3.0, 0.0, 2.0], 'at_h': 0.3},
                   {'kind': 'frame_step', 'step_um': [-1.0, 2.0, 0.0], 'at_h': 0.45}]}
 
@@ -173,6 +176,25 @@ def test_two_laws_of_one_motion_are_not_certain():
     found = found_in('random', 'two steps')
     cause, = [one for one in found.causes if one.bodies[0] == 'frame']
     assert cause.names == ('frame_step', 'frame_step') and not cause.law_certain
+
+
+def test_a_law_is_certain_only_where_its_variable_leaves_no_other():
+    """A sense has two values: it does one thing. A step in time may be one of many that look like it."""
+    reversal, = found_in('random', 'reversal').causes
+    assert (reversal.names, reversal.own, reversal.law_certain) == (('cmm_reversal',), {'cmm sense'}, True)
+    step, = found_in('random', 'clear step').causes
+    assert step.names == ('frame_step',) and step.law_probability > 0.97 and not step.law_certain
+
+
+def test_what_nobody_knows_of_the_first_reading_is_as_on_average():
+    """No move before it is known: what moves do moves it as it does the others on average."""
+    moves = {'cmm distance', 'cmm direction', 'move size', 'time since move', 'pause'}
+    for order in ('column', 'interleaved'):
+        run = planned_run(plan(8, order, 1), 0.18)
+        known = {one.name: one.functions for one in variables(run) if one.name in moves}
+        assert {'cmm distance', 'cmm direction'} <= known.keys()
+        for functions in known.values():
+            assert not functions[:, 0].any() and np.abs(functions.mean(axis=1)).max() < 1e-12
 
 
 def test_a_plate_that_warps_moves_by_ball_and_time():

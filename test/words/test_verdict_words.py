@@ -153,7 +153,10 @@ def test_why_a_likely_name_is_not_added():
 
 
 @pytest.mark.parametrize(('noise', 'words'), [
-    (NoiseFacts(walk=2e-7), 'The noise is not white: the frame wanders by 0.200 µm over the run (random walk).'),
+    (NoiseFacts(walk=2e-7),
+     'The probe moves with time by no law: the frame wanders by 0.200 µm over the run (random walk). '
+     'The residual of 0.102 µm is 1.12 times the stated repeatability of 0.0910 µm (p-value of the lack-of-fit test: '
+     '0.2).'),
     (NoiseFacts(worse=(('z', 2.5),), than='xy', scatter=(8e-8, 8e-8, 2e-7)),
      'The noise is not equal: standard deviations in x, y, z: 0.080, 0.080, 0.20 µm.'),
     (NoiseFacts(1e-6, 0.9, tail='reading', tail_dof=3.0),

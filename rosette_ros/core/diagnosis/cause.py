@@ -27,8 +27,8 @@ class Cause:
     with what, for each variable the set of those that stand for it in this order, itself first, none for a constant
     amount; or_with: where that is not sure, what they move with in other hypotheses, likeliest first, until it is;
     probability: that one of these bodies moves with one of these variables, by any law; laws: sets of names that do it,
-    likeliest first, empty without a name, each with the probability that it is this; law_certain: whether that of the
-    best hypothesis is surely it, no other one of the same motion being near by likelihood and no reading against it.
+    likeliest first, empty without a name, each with the probability that it is this; law_certain: whether its
+    variables leave no other than that of the best hypothesis.
     """
 
     places: 'tuple[Place, ...]' = field(compare=False)  # families belong to one search

@@ -11,16 +11,15 @@ import numpy as np
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.levels import STANDS, causes_of, course_of, motion_of
 from rosette_ros.core.diagnosis.limits import CLAIM, LISTED, SURE
-from rosette_ros.core.diagnosis.log_evidence import NEAR, Member, Place, State
+from rosette_ros.core.diagnosis.log_evidence import Member, Place, State
 from rosette_ros.core.diagnosis.null_gains import p_of_tail
 from rosette_ros.core.diagnosis.run_search import RunSearch
-from rosette_ros.core.effects.effect import PhysicalEffect
-from rosette_ros.core.effects.free import PLACES, moving_bodies
+from rosette_ros.core.effects.free import moving_bodies, variables
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.records import UNLIKELY, Floats
 
 NEAR_LAW = 0.05
-"""Share of its log likelihood, and at least 2, by which another law of the same motion has to be worse."""
+"""Share of their log likelihood, and at least 2, by which a course without a name has to be worse than two laws."""
 
 
 class Claims:
@@ -81,33 +80,15 @@ class Claims:
         return replace(own, bodies=(*own.bodies, *sorted(alike)), alike=frozenset(alike))
 
     def _is_certain(self, cause: Cause) -> bool:
-        """Return whether no other law of the motions of a cause is near its own by likelihood.
+        """Return whether a cause leaves no other law than its own, and body, variable and fit leave no other cause.
 
-        Neither a law of another body nor a course without a name comes near. Beside a motion without a name none is
-        certain: what has a law of its own may be a part of it; nor are two of the same motion or of the same kind
-        of course, in one cause or in two: they may be parts of one that the grammar lacks; nor is one where a place of
-        the readings stands for the time or travel that it is a law of, or where the readings refute all that is
-        claimed."""
-        places = frozenset(PLACES)
-        if (len(cause.names) != 1 or cause.law_probability < SURE
-                or any(one.family.is_free for one in self.chosen.members)
-                or any(not places.isdisjoint(some) and not places.issuperset(some) for some in cause.variables)):
-            return False
-        if (p := self.fit.lack_of_fit_p) is not None and p < UNLIKELY:
-            return False
-
-        place = next(k for k, one in enumerate(self.chosen.members) if one.place in cause.places)
-        member, rest = self.chosen.members[place], self.chosen.without(place)
-        motion, own = motion_of(self._run, member.place), float(rest.line(member.rows).max())
-        if any(motion.agrees(motion_of(self._run, one.place)) or _goes_alike(one, member) for one in rest.members):
-            return False
-        least = own - max(NEAR_LAW * own, 2.0)
-        for offer in rest.offers():
-            if offer.family is member.family or offer.log_bf < least - NEAR:
-                continue
-            if rest.line(offer.rows).max() > least:
-                return False
-        return True
+        What moves by a constant amount, or with a sense, which has two values, has no other. In time, a law
+        may always be another one that looks like it and that the library lacks."""
+        many = {one.name for one in variables(self._run) if np.ptp(np.abs(one.functions[one.functions != 0])) > 0}
+        return (len(cause.names) == len(cause.bodies) == 1 and cause.law_probability >= SURE
+                and all(len(some) == 1 and many.isdisjoint(some) for some in cause.variables)
+                and not any(one.family.is_free for one in self.chosen.members)
+                and not ((p := self.fit.lack_of_fit_p) is not None and p < UNLIKELY))
 
     def _found_of(self, member: Member) -> Cause:
         """Return the Cause of a member before it is known whether its law is certain, which what is claimed decides."""
@@ -250,10 +231,3 @@ def _without_names(state: State, places: Sequence[Place]) -> State | None:
             if family.effect.moved(setting) == bodies and family.effect.driven_by(setting) in alone]
     best = max(free, key=lambda some: rest.line(some.rows).max(), default=None)
     return State(evidence, (*rest.members, best)) if best else None
-
-
-def _goes_alike(one: Member, other: Member) -> bool:
-    """Return whether two laws of more than a single ball or reading have the same kind of course."""
-    first, second = one.family.effect, other.family.effect
-    return (isinstance(first, PhysicalEffect) and isinstance(second, PhysicalEffect)
-            and type(first.course) is type(second.course) and {first.body, second.body}.isdisjoint(('ball', 'reading')))

@@ -5,13 +5,13 @@ Neither of two effects may be worth anything alone, so that a search that adds t
 the best setting of each named family is kept in a pool, of which all pairs are scored together.
 """
 
+import math
 from collections.abc import Callable, Collection, Container, Iterator
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement, islice, product
 from operator import attrgetter
 
 import numpy as np
-import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.log_evidence import ENOUGH, NEAR, Evidence, Member, Place, State, turned_by
 from rosette_ros.core.effects.effect import Setting
@@ -140,7 +140,7 @@ class Search:
         while growing:
             some = [child for state in growing for child in self._with_one(state, is_open=False)]
             if growing == [empty]:
-                some += [*self._with_one(empty, is_open=True), *self._with_pool(empty, -NEAR)]
+                some += [*self._with_one(empty, is_open=True), *self._with_pool(empty, -NEAR), *self._of_a_kind()]
             growing = []
             for is_named, before in best.items():
                 own = [one for one in some if one.is_named == is_named and len(set(one.names)) <= MOST]
@@ -217,6 +217,16 @@ class Search:
             near = offers[0].gain - NEAR - 0.5 * max(offers[0].gain, 0)
             if offer.gain > max(near, -NEAR, least - state.log_evidence):
                 yield self._kept(State(self.evidence, (*state.members, self.refined(state, offer))))
+
+    def _of_a_kind(self) -> Iterator[State]:
+        """Yield what several of one family explain where one does a part: none of them need be among the best alone."""
+        for first in self.offers(self.evidence.empty, is_open=False):
+            if first.gain > 0 and first.family.effect.repeatable:
+                before, state = self.evidence.empty, State(self.evidence, (self.refined(self.evidence.empty, first),))
+                while state.log_evidence > before.log_evidence and (more := state.offer(first.family)):
+                    before, state = state, State(self.evidence, (*state.members, self.refined(state, more)))
+                if len(before.members) > 1:
+                    yield self._kept(before)
 
     def _with_pool(self, state: State, least: float, without: Collection[str] = ()) -> Iterator[State]:
         """Yield a state with each of the best ones and twos of the pool; arguments as of `_with_one` and `best`."""
@@ -305,8 +315,7 @@ def refined(member: Member, worth: Callable[[Member], float], fixed: Container[s
             if isinstance(bracket, tuple):
                 # strong effects want it so exact that what is left of them is no structure
                 share = min(COARSE, FINE / max(worth(member), 1.0)**0.5)
-                value = scipy.optimize.minimize_scalar(loss, bounds=bracket, method='bounded', options={
-                    'xatol': share * (bracket[1] - bracket[0]), 'maxiter': 9 if share == COARSE else 40}).x
+                value = _golden_section(loss, *bracket, share)
             elif len(bracket):
                 value = min(bracket, key=loss)
             else:
@@ -314,3 +323,18 @@ def refined(member: Member, worth: Callable[[Member], float], fixed: Container[s
             member = max(member, at(name, value), key=worth)
         if len(brackets) < 2 or worth(member) <= before + ENOUGH:
             return member
+
+
+def _golden_section(loss: Callable[[float], float], low: float, high: float, share: float) -> float:
+    """Return where a function has a minimum within a bracket, to a share of it; loading scipy's search takes longer."""
+    golden, width = (math.sqrt(5) - 1) / 2, share * (high - low)
+    places = [high - golden * (high - low), low + golden * (high - low)]
+    values = [loss(place) for place in places]
+    while high - low > 2 * width:
+        if values[0] < values[1]:
+            high, place = places[1], places[1] - golden * (places[1] - low)
+            places, values = [place, places[0]], [loss(place), values[0]]
+        else:
+            low, place = places[0], places[0] + golden * (high - places[0])
+            places, values = [places[1], place], [values[1], loss(place)]
+    return places[values.index(min(values))]

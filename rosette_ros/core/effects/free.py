@@ -67,17 +67,23 @@ def _ordinary(name: str, unit: str, values: Floats, kinds: tuple[str, ...], know
               ) -> list[Variable]:
     """Return a variable on a line, by cosines that reach beyond its range; none where it hardly changes.
 
-    known: whether it is, of each reading (N,): where it is not it has its median, and moves nothing."""
+    known: whether it is, of each reading (N,): where it is not it moves as the others do on average."""
     values = np.where(known, values, np.median(values[np.broadcast_to(known, values.shape)]))
     if np.ptp(values) <= STANDS_STILL * np.abs(values).max():
         return []
     u = (values - values.min()) / (np.ptp(values) or 1.0)
     order = np.arange(1, min(MOST, max(3, np.unique(values).size - 1)) + 1)
     angle = np.pi * order / (1 + 2 * BORDER)
-    functions = np.cos(angle[:, None] * (u + BORDER)) * known
+    functions = _where_known(np.cos(angle[:, None] * (u + BORDER)), known)
     return [Variable(name, unit, values, functions, {
         kind: (1 + (angle * length)**2 / (2 * order - 1))**-float(order) for kind in kinds
         for length, order in [MATERN[kind]]})]
+
+
+def _where_known(functions: Floats, known: Bools | bool) -> Floats:
+    """Return functions (K, N) of what is not known of some readings: there they have their mean over the others."""
+    known = np.broadcast_to(known, functions.shape[1:])
+    return functions if known.all() else np.where(known, functions - functions[:, known].mean(axis=1, keepdims=True), 0)
 
 
 def _angle(name: str, values: Floats, top: int, kinds: tuple[str, ...] = tuple(WAVES)) -> Variable:
@@ -133,8 +139,8 @@ def variables(run: Run) -> tuple[Variable, ...]:
         spot = on.radial(run.alpha)
         moves = np.diff(spot, axis=0, prepend=spot[:1])
         waves = _angle('cmm direction', theta, min(4, top), ('smooth',))
-        waves = replace(waves, functions=waves.functions * known[:, 0])
-        found.append(_with(waves, 'smooth by length', moves[:, :2].T))
+        waves = replace(waves, functions=_where_known(waves.functions, known[:, 0]))
+        found.append(_with(waves, 'smooth by length', _where_known(moves[:, :2].T, known[:, 0])))
         sides = np.stack([np.cos(theta), np.sin(theta)]) * known[:, 0]
         for word, keep in MEMORY.items():
             left = on.leaky_sum(sides, keep)
