@@ -219,6 +219,17 @@ def test_what_else_it_moves_with_is_told_until_little_is_left():
     assert len(posterior.near) == 4 and Posterior({**looked, ((), ()): (-10.0, ())}).near == posterior.near[:3]
 
 
+def test_a_base_that_follows_the_heavy_side_goes_by_the_moves_of_the_table():
+    """It leans to where the heavy side was, of which three quarters stay from reading to reading."""
+    run, *_ = synthetic_run(8, 'random', seed=5, noise=SIGMA, repeatability=SIGMA)
+    heavy, leans = np.stack([np.cos(run.phi), np.sin(run.phi), 0 * run.phi], axis=1), np.zeros((run.size, 3))
+    for k in range(1, run.size):
+        leans[k] = 0.75 * leans[k - 1] + 0.25 * heavy[k]
+    cause, = find(run.replace(centre=run.centre + 3e-6 * leans)).causes
+    assert (cause.bodies, [some[0] for some in cause.variables]) == (('frame',), ['table memory'])
+    assert cause.probability > 0.97 and cause.laws[0][0] == ()
+
+
 @pytest.mark.parametrize('stays, variable', [(0.0, 'cmm direction'), (0.5, 'cmm memory')])
 def test_what_moves_of_the_cmm_leave_goes_by_their_length(stays, variable):
     """It overshoots by 2 um/m of the way to a ball, or its base leans after it and half of that stays to the next."""

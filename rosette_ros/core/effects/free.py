@@ -33,8 +33,10 @@ MATERN = {'slow': (0.6, 2), 'middle': (0.2, 2), 'quick': (0.07, 2), WALK: (0.3, 
 """Length over the range, and smoothness, of the processes of a variable: 2 once differentiable, 1 a random walk."""
 PAUSES = 0.05
 """Range of the logarithm of the pauses between readings from which on they are a variable."""
+ALONE = frozenset(('touches', 'cmm memory', 'table memory'))
+"""Variables of which no products are made."""
 MEMORY = {'short': 0.5, 'middle': 0.75, 'long': 0.9}
-"""Share of what earlier moves of the CMM left that is there at the next reading, by kind."""
+"""Share of what earlier moves left that is there at the next reading, by kind."""
 WAVES = {'smooth': 1.5, EACH: np.inf}
 """Waves per turn at which the size of a process of an angle has fallen to a half; each value by itself."""
 
@@ -141,11 +143,14 @@ def variables(run: Run) -> tuple[Variable, ...]:
         waves = _angle('cmm direction', theta, min(4, top), ('smooth',))
         waves = replace(waves, functions=_where_known(waves.functions, known[:, 0]))
         found.append(_with(waves, 'smooth by length', _where_known(moves[:, :2].T, known[:, 0])))
+        turns = np.diff(on.radial(run.phi)[:, :2], axis=0, prepend=on.radial(run.phi[:1])[:, :2]).T
         sides = np.stack([np.cos(theta), np.sin(theta)]) * known[:, 0]
         for word, keep in MEMORY.items():
             left = on.leaky_sum(sides, keep)
             found.append(_with(Variable('cmm memory', '', left[0], left, {word: np.ones(2)}), f'{word} by length',
                                on.leaky_sum(moves[:, :2].T, keep)))
+            left = on.leaky_sum(turns, keep)
+            found.append(Variable('table memory', '', left[0], left, {word: np.ones(2)}))
         way = np.linalg.norm(moves, axis=1)
         last = np.maximum.accumulate(np.where(way > 1e-9, np.arange(run.size), 0))
         if np.unique(np.round(way[last][known[:, 0]], 6)).size > 1:
@@ -241,7 +246,7 @@ class FreeEffect(Effect):
         yield from ((name, tuple(dict.fromkeys(some))) for name, some in single.items())
         pairs: dict[str, list[Setting]] = {}
         for one, other in combinations(every, 2):
-            if one.name != other.name and 'touches' not in (one.name, other.name):
+            if one.name != other.name and ALONE.isdisjoint((one.name, other.name)):
                 kinds = [(a, b) for a in one.pairs for b in other.pairs
                          if other.name in OF_PLACE or a not in ('quick', WALK) or one.name != 'time']
                 pairs.setdefault(one.name + TIMES + other.name, []).extend(
@@ -251,7 +256,7 @@ class FreeEffect(Effect):
         alone: dict[str, list[Setting]] = {}
         for place, number in _places(run).items():
             for one in every:
-                if one.name not in (*OF_PLACE, 'touches') or (place, one.name) == ('ball', 'table angle'):
+                if one.name not in (*OF_PLACE, *ALONE) or (place, one.name) == ('ball', 'table angle'):
                     alone.setdefault(f'one {place}{TIMES}{one.name}', []).extend(
                         self._setting(f'{place} {k}{TIMES}{one.name}', kind, along)
                         for k in np.unique(number).tolist() for kind in one.of_place
