@@ -127,8 +127,9 @@ def unnamed_words(*every: MissingEffect, said: Said | None = None) -> str:
     """Return what moves with what by laws without a name: 'the probe moves in y with time (97 %); its law is not ...'.
     """
     said = said or Said()
+    once = [one for place, one in enumerate(every) if one.cause not in [other.cause for other in every[:place]]]
     law = 'their laws are' if len(every) > 1 else 'its law is'
-    return f'{_joined([_free_statement(one, said) for one in every])}; {law} {NOT_IN_LIBRARY}'
+    return f'{_joined([_free_statement(one, said) for one in once])}; {law} {NOT_IN_LIBRARY}'
 
 
 def member_words(name: str) -> str:

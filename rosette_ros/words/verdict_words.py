@@ -79,12 +79,12 @@ def unexplained_words(verdict: Verdict) -> str:
 
 
 def _sentences(verdict: Verdict) -> list[str]:
-    wander = _wander_words(verdict.noise) if not (verdict.missing or verdict.unnamed) else ''
-    out = [f'The probe moves with time by no law: {wander}.'] * bool(wander) + [*_outcome(verdict), *_wrong(verdict)]
+    wander = '' if verdict.missing or verdict.unnamed else _wander_words(verdict.noise)
+    out = [f'The probe wanders with time, by {wander}.'] * bool(wander) + [*_outcome(verdict), *_wrong(verdict)]
     if verdict.too_large:
         out.append(f'The stated repeatability is {multiple(verdict.too_large)} times what the readings show, so '
                    'uncertainties based on it are too large.')
-    if noise := [one for one in _other_noise(verdict.noise) if one != wander]:
+    if noise := [one for one in _other_noise(verdict.noise) if not (wander and wander in one)]:
         out.append(f'The noise is {noise_kind(verdict.noise)}: {"; ".join(noise)}.')
     out += [f'{capital(one)}.' for one in _rounding_words(verdict.noise)]
     beside = [one for one in verdict.doubtful if one[1] >= SURE and (verdict.missing or verdict.unnamed)]
@@ -110,18 +110,11 @@ def _outcome(verdict: Verdict) -> list[str]:
         case Outcome.UNIT:
             return [f'{capital(remark_words(remark))}.' for remark in verdict.remarks
                     if remark.kind is RemarkKind.UNIT_OF_COORDINATES]
-        case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED if verdict.missing:
-            it = ('them' if len(verdict.missing) > 1 else
-                  'the likeliest of them' if not verdict.missing[0].depth and verdict.missing[0].alternatives else 'it')
-            what = causes_words(verdict.missing, said)
-            known = (f', still {_in_repeatabilities(after)}' if after.scatters and not verdict.unnamed else
-                     '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})')
-            comes = f'falls from {significant(1e6 * before.rms)} to' if after.rms < before.rms else 'is'
-            lacks = (f'{capital(what)}. With {it} the residual standard deviation {comes} '
-                     f'{micrometres(after.rms)}{known}.')
-            return [lacks, *_unnamed_sentence(verdict.unnamed, said), *basis]
-        case Outcome.UNNAMED | Outcome.SUSPECTED:
-            return [*_unnamed_sentence(verdict.unnamed, said), *basis]
+        case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED:
+            named, unnamed = (max((one.probability for one in some), default=0.0)
+                              for some in (verdict.missing, verdict.unnamed))
+            say = [_missing_sentences, _unnamed_sentence][::1 if named >= unnamed else -1]
+            return [*(one for each in say for one in each(verdict, said)), *basis]
         case Outcome.SCATTERS:
             return [f'The readings scatter more than stated: {_against_repeatability(after)}.']
         case Outcome.NO_REPEATABILITY:
@@ -196,9 +189,23 @@ def _times(residual: Residual, known: float, repeatability: str) -> str:
     return f'{multiple(ratio)} times {repeatability}{rounded}{part}'
 
 
-def _unnamed_sentence(every: Sequence[MissingEffect], said: Said) -> list[str]:
+def _missing_sentences(verdict: Verdict, said: Said) -> list[str]:
+    """Return what is missing, and the residual with it, in two sentences."""
+    before, after, missing = verdict.before, verdict.after, verdict.missing
+    if not (before and after and missing):
+        return []
+    it = ('them' if len(missing) > 1 else
+          'the likeliest of them' if not missing[0].depth and missing[0].alternatives else 'it')
+    known = (f', still {_in_repeatabilities(after)}' if after.scatters and not verdict.unnamed else
+             '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})')
+    comes = f'falls from {significant(1e6 * before.rms)} to' if after.rms < before.rms else 'is'
+    return [f'{capital(causes_words(missing, said))}.',
+            f'With {it} the residual standard deviation {comes} {micrometres(after.rms)}{known}.']
+
+
+def _unnamed_sentence(verdict: Verdict, said: Said) -> list[str]:
     """Return what has no name in a sentence."""
-    return [f'{capital(unnamed_words(*every, said=said))}.'] if every else []
+    return [f'{capital(unnamed_words(*verdict.unnamed, said=said))}.'] if verdict.unnamed else []
 
 
 def _actions(verdict: Verdict) -> list[str]:
@@ -212,7 +219,7 @@ def _actions(verdict: Verdict) -> list[str]:
         out.append(f'eliminate {cause} and repeat the measurement, or include {it} in the evaluation model')
     elif verdict.unnamed:
         out += _checks(verdict.unnamed)
-    elif verdict.outcome == Outcome.SCATTERS:
+    elif verdict.outcome == Outcome.SCATTERS and not _wander_words(verdict.noise):
         out.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
                    'residual maps')
     elif verdict.outcome == Outcome.NO_REPEATABILITY:
@@ -297,17 +304,17 @@ def _other_noise(noise: NoiseFacts) -> list[str]:
         same = f' (this run cannot distinguish it from {" or ".join(alike)})' if alike else ''
         out.append(f'{where} scatters {noise.factor:.1f} times as much as the others{same}')
     if wander := _wander_words(noise):
-        out.append(wander)
+        out.append(f'the frame wanders by {wander}')
     elif noise.correlation:
         out.append(f'autocorrelation (lag 1) {noise.correlation:+.1f}'.replace('-', '−'))
     return out
 
 
 def _wander_words(noise: NoiseFacts) -> str:
+    """Return by how much the frame wanders, empty where it does not."""
     if noise.walk:
-        return f'the frame wanders by {micrometres(noise.walk)} over the run (random walk)'
-    return (f'the frame wanders by {micrometres(noise.wander)} within about {noise.readings:.0f} readings'
-            if noise.wander else '')
+        return f'{micrometres(noise.walk)} over the run (random walk)'
+    return f'{micrometres(noise.wander)} within about {noise.readings:.0f} readings' if noise.wander else ''
 
 
 def noise_actions(noise: NoiseFacts) -> list[str]:

@@ -140,14 +140,14 @@ class Claims:
 
     @cached_property
     def unnamed(self) -> tuple[MissingEffect, ...]:
-        """The members without a name that noise does not explain."""
+        """The members without a name that noise does not explain, the likeliest first."""
         out = []
         for place, one in enumerate(self.chosen.members):
             if one.family.is_free and self._is_guarded(place):
                 cause = self._cause_of(one)
                 out.append(MissingEffect(one.family.effect.name, one.setting, cause=cause, together=cause.probability,
                                          p=self._p_of_member(place), visible_fraction=one.sensitivity))
-        return tuple(out)
+        return tuple(sorted(out, key=lambda one: -one.probability))
 
     @property
     def doubtful(self) -> tuple[tuple[str, float], ...]:

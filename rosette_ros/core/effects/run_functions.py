@@ -195,10 +195,13 @@ def axial_tilts(run: Run) -> Floats:
 
 
 def leaky_sum(values: Floats, keep: float) -> Floats:
-    """Return the sums of values (k, N) up to each reading of which a share `keep` stays to the next, of largest 1."""
-    out = np.zeros_like(values)
+    """Return the sums of values (k, N) up to each reading of which a share `keep` stays to the next, of largest 1.
+
+    What was there before the first reading is not known: what it leaves, too, is taken out."""
+    out, before = np.zeros_like(values), keep**np.arange(values.shape[1])
     for k in range(1, values.shape[1]):
         out[:, k] = keep * out[:, k - 1] + values[:, k]
+    out -= np.outer(out @ before / (before @ before), before)
     return out / max(float(np.abs(out).max()), 1e-9)
 
 
