@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
-from rosette_ros.core.diagnosis.levels import STANDS, causes_of, course_of, motion_of
+from rosette_ros.core.diagnosis.levels import STANDS, causes_of, course_of, motion_of, slow_functions
 from rosette_ros.core.diagnosis.limits import CLAIM, LISTED, SURE
 from rosette_ros.core.diagnosis.log_evidence import Member, Place, State
 from rosette_ros.core.diagnosis.null_gains import p_of_tail
@@ -59,8 +59,8 @@ class Claims:
         return causes_of(self._search.posterior, self._run, said)
 
     def _as_moving(self, state: State, place: int) -> Cause:
-        """Return what a member says, with the bodies whose motion by its course describes what the readings show of it.
-        """
+        """Return what a member says, with the bodies whose motion by its course describes what the readings show of it;
+        of a motion without a name, with the variables of which slow functions do."""
         member = state.members[place]
         own, course = motion_of(self._run, member.place), course_of(self._run, member.place)
         if course is None:
@@ -68,16 +68,23 @@ class Claims:
 
         part = slice(*state.ends[place:place + 2])
         shown = (state.inverse @ state.product)[part] @ member.rows
-        alike = set()
-        for body, directions in moving_bodies(self._run).items():
-            columns = (course[:, None, :, None] * directions).reshape(-1, *directions.shape[1:])
-            rows = self._search.evidence.space.residual(columns).reshape(len(columns), -1)
-            basis = np.linalg.svd(rows, full_matrices=False)[2][:np.linalg.matrix_rank(rows)]
-            left = shown - (shown @ basis.T) @ basis
-            if 1 - float(left @ left) / max(float(shown @ shown), 1e-300) > STANDS:
-                alike.add(body)
+        moving = moving_bodies(self._run)
+        alike = {body for body, directions in moving.items() if self._describes(shown, course, directions)}
         alike -= {*own.bodies}
-        return replace(own, bodies=(*own.bodies, *sorted(alike)), alike=frozenset(alike))
+        variables = own.variables
+        if member.family.is_free and len(variables) == 1 and own.bodies[0] in moving:
+            more = {name for name, functions in slow_functions(self._run).items()
+                    if name not in own.may_be and self._describes(shown, functions.T, moving[own.bodies[0]])}
+            variables = ((*variables[0], *sorted(more)),)
+        return replace(own, bodies=(*own.bodies, *sorted(alike)), alike=frozenset(alike), variables=variables)
+
+    def _describes(self, shown: Floats, functions: Floats, directions: Floats) -> bool:
+        """Return whether functions (k, N) of a body's directions (d, N, 3) describe what the readings show, (3 N,)."""
+        columns = (functions[:, None, :, None] * directions).reshape(-1, *directions.shape[1:])
+        rows = self._search.evidence.space.residual(columns).reshape(len(columns), -1)
+        basis = np.linalg.svd(rows, full_matrices=False)[2][:np.linalg.matrix_rank(rows)]
+        left = shown - (shown @ basis.T) @ basis
+        return 1 - float(left @ left) / max(float(shown @ shown), 1e-300) > STANDS
 
     def _is_certain(self, cause: Cause) -> bool:
         """Return whether a cause leaves no other law than its own, and body, variable and fit leave no other cause.

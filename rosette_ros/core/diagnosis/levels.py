@@ -40,7 +40,7 @@ def motion_of(run: Run, place: Place) -> Cause:
     course = course_of(run, place)
     if len(own) == 1 and not family.is_free and course is not None and np.ptp(course, axis=1).any():
         standing[next(iter(own))] |= {  # a law may be a function of more than its variable is
-            name for name, basis in _slow_functions(run).items() if _share(course, basis) > STANDS} - own
+            name for name, basis in slow_functions(run).items() if _share(course, basis) > STANDS} - own
     return Cause((place,), tuple(sorted(effect.moved(setting))),
                  tuple((one, *sorted(standing[one])) for one in sorted(own)))
 
@@ -61,7 +61,7 @@ def course_of(run: Run, place: Place) -> Floats | None:
     family, setting = place
     if family.is_free:
         functions = FREE.course(run, setting)[0]
-        return functions if np.any(functions, axis=0).all() else None
+        return functions if 2 * np.count_nonzero(functions.any(axis=0)) > run.size else None
     factors, = family.effect.factors(run, [setting])
     return None if factors.at is not None else np.asarray(factors.waves[factors.of_setting[0][0]], dtype=float)
 
@@ -70,7 +70,7 @@ def course_of(run: Run, place: Place) -> Floats | None:
 def _described(run: Run) -> dict[tuple[str, str], float]:
     """Return the share of the variance of variable b that slow functions of variable a describe, by (a, b)."""
     out = {}
-    for name, basis in _slow_functions(run).items():
+    for name, basis in slow_functions(run).items():
         for other in variables(run):
             circle = np.stack([np.cos(other.values), np.sin(other.values)])
             out[name, other.name] = _share(circle if other.name in PLACES else other.values[None], basis)
@@ -78,7 +78,7 @@ def _described(run: Run) -> dict[tuple[str, str], float]:
 
 
 @lru_cache(maxsize=2)
-def _slow_functions(run: Run) -> dict[str, Floats]:
+def slow_functions(run: Run) -> dict[str, Floats]:
     """Return orthonormal functions (N, k) of each variable that a run records."""
     out: dict[str, Floats] = {}
     for one in variables(run):

@@ -197,11 +197,10 @@ def axial_tilts(run: Run) -> Floats:
 def leaky_sum(values: Floats, keep: float) -> Floats:
     """Return the sums of values (k, N) up to each reading of which a share `keep` stays to the next, of largest 1.
 
-    What was there before the first reading is not known: what it leaves, too, is taken out."""
-    out, before = np.zeros_like(values), keep**np.arange(values.shape[1])
+    Before the first reading the machine has stood still."""
+    out = np.zeros_like(values)
     for k in range(1, values.shape[1]):
         out[:, k] = keep * out[:, k - 1] + values[:, k]
-    out -= np.outer(out @ before / (before @ before), before)
     return out / max(float(np.abs(out).max()), 1e-9)
 
 
