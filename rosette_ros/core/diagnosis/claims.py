@@ -14,7 +14,7 @@ from rosette_ros.core.diagnosis.limits import CLAIM, LISTED, SURE
 from rosette_ros.core.diagnosis.log_evidence import Member, Place, State
 from rosette_ros.core.diagnosis.null_gains import p_of_tail
 from rosette_ros.core.diagnosis.run_search import RunSearch
-from rosette_ros.core.effects.free import moving_bodies, variables
+from rosette_ros.core.effects.free import TIMES, moving_bodies, variables
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.records import UNLIKELY, Floats
 
@@ -147,14 +147,15 @@ class Claims:
 
     @cached_property
     def unnamed(self) -> tuple[MissingEffect, ...]:
-        """The members without a name that noise does not explain, the likeliest first."""
+        """The members without a name that noise does not explain, the likeliest first; of those about as likely,
+        that of one variable."""
         out = []
         for place, one in enumerate(self.chosen.members):
             if one.family.is_free and self._is_guarded(place):
                 cause = self._cause_of(one)
                 out.append(MissingEffect(one.family.effect.name, one.setting, cause=cause, together=cause.probability,
                                          p=self._p_of_member(place), visible_fraction=one.sensitivity))
-        return tuple(sorted(out, key=lambda one: -one.probability))
+        return tuple(sorted(out, key=lambda one: (-round(one.probability, 1), one.setting.word('of').count(TIMES))))
 
     @property
     def doubtful(self) -> tuple[tuple[str, float], ...]:
