@@ -181,8 +181,9 @@ class _Group:
         moving = dict.fromkeys([*self._bodies(), *elsewhere])
         alike = sorted(frozenset().union(*(one.alike for one in self.said)) - moving.keys())
         likeliest = tuple((law, p / total) for law, p in sorted(laws.items(), key=lambda pair: -pair[1]))
-        return Cause(self.places, (*moving, *alike), tuple(reversed(sets.values())), sum(laws.values()) / total,
-                     likeliest, or_with=tuple(or_with), alike=frozenset(alike))
+        probability = min(sum(laws.values()) / total, 1.0)  # a sum of all may be rounded up
+        return Cause(self.places, (*moving, *alike), tuple(reversed(sets.values())), probability, likeliest,
+                     or_with=tuple(or_with), alike=frozenset(alike))
 
 
 def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tuple[Cause, ...]:
