@@ -122,7 +122,8 @@ def test_noise_is_told_as_noise():
 def test_what_noise_is_like_stands_in_the_sentence():
     """The words for each kind; the standard deviation of each axis, to 25 %; the advice names the worse."""
     for kind, words in (('tail reading', 's are farther off than a normal distribution allows (Student, '),
-                        ('wander', 'autocorrelation (lag 1) +0.'), ('wander of a walk', 'the frame wanders by '),
+                        ('wander', 'autocorrelation (lag 1) +0.'),
+                        ('wander of a walk', 'The probe wanders with time, by '),
                         ('by CMM position', 'CMM position 7 scatters ')):
         assert words in verdict_text(found_of(kind).verdict).sentence
     for axes, look in (((5, 1, 1), 'the slide of x'), ((1, 1, 4), 'the slide of z'),

@@ -42,7 +42,7 @@ def points(figure, name):
     return figure.evaluate('(made, name) => made.data.flatMap(one => one.name === name && one.text || []).length', name)
 
 
-def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page):
+def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page, wait_until):
     """Health of all nodes, start, curves, done; the log opens; the next one warns, is cancelled and ends in order."""
     connect(page, studio, module_domain_id)
     for node in ('sequencer', 'cmm', 'evaluator', 'recorder'):
@@ -69,7 +69,8 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     view = page.get_by_test_id('plan-view-figure')
     expect(view).to_contain_text('table position')
     assert points(view, 'current target') == 2  # its ball, and its reading
-    assert 0 < points(view, 'measured') <= BALLS + 20
+    wait_until(lambda: points(view, 'measured'))
+    assert points(view, 'measured') <= BALLS + 20
     expect(page.get_by_test_id('fault-list')).to_contain_text('asking again')
     page.get_by_test_id('cancel').click()
     expect(page.get_by_test_id('outcome')).to_contain_text('cancelled')
