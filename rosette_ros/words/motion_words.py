@@ -128,7 +128,7 @@ def unnamed_words(*every: MissingEffect, said: Said | None = None) -> str:
     """
     said = said or Said()
     once = [one for place, one in enumerate(every) if one.cause not in [other.cause for other in every[:place]]]
-    law = 'their laws are' if len(every) > 1 else 'its law is'
+    law = 'their laws are' if len(once) > 1 else 'its law is'
     return f'{_joined([_free_statement(one, said) for one in once])}; {law} {NOT_IN_LIBRARY}'
 
 

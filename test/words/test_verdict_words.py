@@ -288,6 +288,12 @@ def test_what_is_less_than_sure_is_suspected():
     assert 'The plate grows or shrinks' in verdict_text(both).sentence
 
 
+def test_what_is_said_twice_is_said_once():
+    """Two courses of one motion with one variable are one statement, of one law."""
+    one = unnamed('plate growing', ['time'])
+    assert unnamed_words(one, one) == unnamed_words(one) and 'its law is' in unnamed_words(one, one)
+
+
 def test_every_effect_says_what_it_does():
     """Each motion has its verb, one without a name, too."""
     assert {type(one.motion) for one in LAWS.values()} == set(MOVES)

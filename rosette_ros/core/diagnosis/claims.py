@@ -89,8 +89,8 @@ class Claims:
     def _is_certain(self, cause: Cause) -> bool:
         """Return whether a cause leaves no other law than its own, and body, variable and fit leave no other cause.
 
-        What moves by a constant amount, or with a sense, which has two values, has no other. In time, a law
-        may always be another one that looks like it and that the library lacks."""
+        What moves by a constant amount, or with a sense, which has two values, has no other. In time, a law may always
+        be another one that looks like it and that the library lacks."""
         many = {one.name for one in variables(self._run) if np.ptp(np.abs(one.functions[one.functions != 0])) > 0}
         return (len(cause.names) == len(cause.bodies) == 1 and cause.law_probability >= SURE
                 and all(len(some) == 1 and many.isdisjoint(some) for some in cause.variables)
