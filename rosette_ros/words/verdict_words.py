@@ -2,6 +2,7 @@
 """A verdict, and the noise of a run, in words: every interface prints these as they stand."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import hypot, isnan
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
@@ -84,7 +85,7 @@ def _sentences(verdict: Verdict) -> list[str]:
     if verdict.too_large:
         out.append(f'The stated repeatability is {multiple(verdict.too_large)} times what the readings show, so '
                    'uncertainties based on it are too large.')
-    if noise := [one for one in _other_noise(verdict.noise) if not (wander and wander in one)]:
+    if noise := _other_noise(replace(verdict.noise, walk=0.0, wander=0.0) if wander else verdict.noise):
         out.append(f'The noise is {noise_kind(verdict.noise)}: {"; ".join(noise)}.')
     out += [f'{capital(one)}.' for one in _rounding_words(verdict.noise)]
     beside = [one for one in verdict.doubtful if one[1] >= SURE and (verdict.missing or verdict.unnamed)]

@@ -71,12 +71,12 @@ class Claims:
         moving = moving_bodies(self._run)
         alike = {body for body, directions in moving.items() if self._describes(shown, course, directions)}
         alike -= {*own.bodies}
-        variables = own.variables
-        if member.family.is_free and len(variables) == 1 and own.bodies[0] in moving:
+        driving = own.variables
+        if member.family.is_free and len(driving) == 1 and own.bodies[0] in moving:
             more = {name for name, functions in slow_functions(self._run).items()
                     if name not in own.may_be and self._describes(shown, functions.T, moving[own.bodies[0]])}
-            variables = ((*variables[0], *sorted(more)),)
-        return replace(own, bodies=(*own.bodies, *sorted(alike)), alike=frozenset(alike), variables=variables)
+            driving = ((*driving[0], *sorted(more)),)
+        return replace(own, bodies=(*own.bodies, *sorted(alike)), alike=frozenset(alike), variables=driving)
 
     def _describes(self, shown: Floats, functions: Floats, directions: Floats) -> bool:
         """Return whether functions (k, N) of a body's directions (d, N, 3) describe what the readings show, (3 N,)."""
