@@ -13,12 +13,12 @@ from operator import attrgetter
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.log_evidence import ENOUGH, NEAR, Evidence, Member, Place, State, turned_by
+from rosette_ros.core.diagnosis.log_evidence import ENOUGH, NEAR, Evidence, Member, Place, State
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
 from rosette_ros.core.sight.bank import WIDTHS, CauseFamily
-from rosette_ros.core.sight.bayes_factor import log_bayes_factor
+from rosette_ros.core.sight.linear_explanation import Solution
 
 MOST = 5
 """Families of members of a hypothesis, and exchanges in it, at most."""
@@ -115,10 +115,8 @@ def _pair_log_bf(gram: Floats, product_: Floats, first: int, state: State) -> Fl
     best, own = np.full(count, -np.inf), np.arange(q)
     for one, other in product(PAIR_SIZES, PAIR_SIZES):
         size = np.where(own < first, one, other)
-        value, vector = np.linalg.eigh(size[:, None] * gram * size)
-        value = np.maximum(value, 0)  # of what nothing is left of, there is rounding
-        fall = np.sum(turned_by(vector, (size * product_)[..., None])[..., 0]**2 / (1 + value), axis=1)
-        best = np.maximum(best, log_bayes_factor(np.log1p(value).sum(axis=1), fall, state.left, state.evidence.dof))
+        solution = Solution(size[:, None] * gram * size)
+        best = np.maximum(best, solution.log_bayes_factor(size * product_, state.left, state.evidence.dof))
     return best
 
 

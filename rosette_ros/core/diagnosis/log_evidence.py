@@ -21,7 +21,7 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Bools, Floats, Ints, Run
 from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of, sensitivity
-from rosette_ros.core.sight.bayes_factor import log_bayes_factor
+from rosette_ros.core.sight.linear_explanation import Solution, log_bayes_factor
 
 Place = tuple[CauseFamily, Setting]
 """A family at a setting."""
@@ -362,9 +362,8 @@ class State:
             size[self.ends[k]:self.ends[k + 1]] = sizes[k]
         if not size.any():
             return np.zeros_like(self._gram), 0.0
-        value, vector = np.linalg.eigh(size[:, None] * self._gram * size)
-        value = np.maximum(value, 0)  # a noise that leaves little of some readings makes products of any size
-        return size[:, None] * vector / np.sqrt(1 + value), float(np.log1p(value).sum())
+        solution = Solution(size[:, None] * self._gram * size)
+        return solution.halved(np.diag(size)).T, float(solution.log_det)
 
     def _line(self, k: int, sizes: Floats) -> Floats:
         """Return the log Bayes factor of a member beside the others for each of SIZES."""

@@ -23,7 +23,7 @@ from rosette_ros.core.model.model import NOISE_TERMS
 from rosette_ros.core.model.noise import Noise, Whitening, places
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.records import EXACT, Floats, Ints, Run
-from rosette_ros.core.sight.bayes_factor import log_bayes_factor
+from rosette_ros.core.sight.linear_explanation import Solution
 
 NOT_WHITE = 0.2
 """Share of the runs whose noise is not white and equal, shared out evenly over its kinds."""
@@ -61,7 +61,7 @@ class Beside:
         self.plain = plain or Noise()
         self.digits: Floats = np.ones((1, 3)) if self.plain.digits is None else self.plain.digits
         length = np.sqrt(np.maximum(np.sum(fixed**2, axis=(1, 2)), 1e-300))
-        self.precision = np.concatenate([np.full(len(fixed), 1e-12), 1 / sizes**2])
+        self.sizes = np.concatenate([np.full(len(fixed), 1e6), sizes])  # of what the model has nothing is known before
         space = BaseSpace(run, lever, terms)
         self.rows = space.free(np.concatenate([observed[None], fixed / length[:, None, None], members]))
         self.white = Left(self, space) if self.plain.digits is None else self.under(self.plain.whitening(run))
@@ -105,16 +105,15 @@ class Left:
         return np.asarray(self.space.free(self._white, 1))
 
     @cached_property
-    def _root(self) -> Floats:
-        """The Cholesky factor of the products of the columns, prior included."""
+    def _solution(self) -> Solution:
+        """That of the columns at their sizes."""
         (z, _), (w, _) = self.parts
-        return np.asarray(np.linalg.cholesky((z + w)[1:, 1:] + np.diag(self.beside.precision)))
+        return Solution(self.beside.sizes[:, None] * (z + w)[1:, 1:] * self.beside.sizes)
 
     def freed(self, columns: Floats) -> Floats:
         """Return columns (m, N, 3) freed of the model and the members, in white coordinates."""
-        rows, free = self._rows[1:], self.space.residual(columns)
-        across = np.tensordot(rows, free, axes=((1, 2), (1, 2)))
-        used = scipy.linalg.cho_solve((self._root, True), across) if len(rows) else across
+        rows, free = self.beside.sizes[:, None, None] * self._rows[1:], self.space.residual(columns)
+        used = self._solution.solved(np.tensordot(rows, free, axes=((1, 2), (1, 2))))
         return np.asarray(free - np.tensordot(used.T, rows, axes=1))
 
     @cached_property
@@ -124,8 +123,7 @@ class Left:
         likelihood, square, amplitude = self.joined
         rows = self._rows.reshape(len(self._rows), -1)
         share = self.space.leverage.reshape(-1).copy()
-        if len(amplitude):
-            share += np.sum(scipy.linalg.solve_triangular(self._root, rows[1:], lower=True)**2, axis=0)
+        share += np.sum(self._solution.halved(self.beside.sizes[:, None] * rows[1:])**2, axis=0)
         sd = np.broadcast_to(self.space.whitening.sd / self.beside.digits, (self.beside.run.size, 3)).reshape(-1)
         return (rows[0] - amplitude @ rows[1:]) * sd, share * sd**2, square, likelihood
 
@@ -136,12 +134,11 @@ def _joined(beside: Beside, products: Floats, log_det: Floats) -> tuple[Floats, 
     That of nothing but the model, and the log Bayes factor of the columns beside it; no noise is less than errors of
     rounding."""
     left, across, gram = np.maximum(products[..., 0, 0], beside.least), products[..., 1:, 0], products[..., 1:, 1:]
-    root = np.linalg.cholesky(gram + np.diag(beside.precision))
-    amplitude = np.linalg.solve(root.swapaxes(-1, -2), np.linalg.solve(root, across[..., None]))[..., 0]
-    fall = np.sum(amplitude * across, axis=-1)
-    grown = 2 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1) - np.sum(np.log(beside.precision))
+    solution, told = Solution(beside.sizes[:, None] * gram * beside.sizes), beside.sizes * across
+    amplitude = beside.sizes * solution.solved(told[..., None])[..., 0]
     alone = -0.5 * beside.dof * np.log(left) - 0.5 * log_det
-    return alone + log_bayes_factor(grown, fall, left, beside.dof), left - fall, amplitude
+    return (alone + solution.log_bayes_factor(told, left, beside.dof), left - np.sum(amplitude * across, axis=-1),
+            amplitude)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, t
 from rosette_ros.core.diagnosis.noise_kinds import DEGREES, NOT_WHITE
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.records import EXACT, Floats
-from rosette_ros.core.sight.bayes_factor import log_bayes_factor
+from rosette_ros.core.sight.linear_explanation import log_bayes_factor
 
 DRAWS, PARTS = 100, 5
 """Runs of noise, and in how many parts they are looked at, one after the other, to save memory."""

@@ -17,6 +17,7 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES, motions, place_of, variables
 from rosette_ros.core.run.records import Floats, in_time
 from rosette_ros.core.sight.bank import CauseFamily, columns_of, scaled
+from rosette_ros.core.sight.linear_explanation import Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +73,7 @@ def _shape(state: State, place: int) -> Shape | None:
     rows = rows - (rows @ rest.basis.T) @ rest.basis
     size = SIZES[int(np.argmax(rest.line(rows)))]
 
-    value, vector = np.linalg.eigh(rows @ rows.T)
-    root = vector / np.sqrt(np.maximum(value, 0) + 1 / size**2)
+    root = size * Solution(size**2 * (rows @ rows.T)).halved(np.eye(len(rows))).T
     amplitudes = [state.evidence.scale * root @ (root.T @ (rows @ left)) for left in (
         (rest.residual,) if member.family.is_free else (rest.residual, rest.residual - state.residual))]
     sigma = state.evidence.scale * np.sqrt(state.rss / max(state.evidence.dof - len(state.basis), 1))

@@ -24,7 +24,7 @@ from rosette_ros.core.model.noise import Noise, Whitening
 from rosette_ros.core.run.errors import NotDeterminable
 from rosette_ros.core.run.geometry import Floats, Ints, rotate_z
 from rosette_ros.core.run.records import UNLIKELY, Run
-from rosette_ros.core.sight.bayes_factor import log_bayes_factor
+from rosette_ros.core.sight.linear_explanation import Solution
 
 Key = Hashable
 """What a nonlinear parameter is known by: runs of which it is one have one key."""
@@ -84,10 +84,10 @@ class RunExplained:
     offset: float = 0.0
     hypotheses: tuple[Hypothesis, ...] = (Hypothesis(),)
 
-    def weighted(self, rows: Floats, between: Floats | None = None) -> Floats:
-        """Return W' W of rows (k, 3 N), or W' B W; between: B, (3 N, 3 N), symmetric."""
+    def weighted(self, rows: Floats, between: Solution | None = None) -> Floats:
+        """Return W' W of rows (k, 3 N), or W' (1 + C)^-1 W; between: of C, (3 N, 3 N)."""
         white = self.white(rows)
-        white = white if between is None else white @ between
+        white = white if between is None else between.solved(white.T).T
         return white if self.whitening is None else self._each(self.whitening.adjoint, white)
 
     def white(self, rows: Floats) -> Floats:
@@ -342,11 +342,7 @@ def _together(effects: Sequence[JointEffect]) -> Floats:
 def log_bf_of(gram: Floats, told: Floats, size: Floats, sigma: float) -> float:
     """Return the log Bayes factor of columns with the products `gram` (q, q), and `told` (q,) with what is left; size:
     (q, q) R, as of JointEffect; sigma: of the noise, m."""
-    if not size.size:
-        return 0.0
-    grown = np.eye(len(size)) + size @ gram @ size.T
-    along = size @ told
-    return float(log_bayes_factor(np.linalg.slogdet(grown)[1], along @ np.linalg.solve(grown, along) / sigma**2))
+    return float(Solution(size @ gram @ size.T).log_bayes_factor(size @ told / sigma))
 
 
 def visible_of(beside: BesideBase, share: Callable[[int, Floats], float], least: float) -> BesideBase:

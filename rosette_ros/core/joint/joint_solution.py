@@ -15,6 +15,7 @@ import scipy  # which loads its parts where they are used
 from rosette_ros.core.joint.explained_runs import BesideBase, RunExplained
 from rosette_ros.core.joint.joint_model import ZERO, JointModel
 from rosette_ros.core.run.geometry import Floats, rotate_z
+from rosette_ros.core.sight.linear_explanation import Solution
 
 HIDDEN_PART = 1e-5
 """Part of a hidden direction, as a share of it, that counts."""
@@ -43,8 +44,7 @@ class JointSolution:
         mix = np.zeros((model.free.size, int(keep.sum())))
         mix[model.free] = vector[:, keep] / np.sqrt(value[keep])
         transposed = design.T
-        self._inverse: list[Floats] = [np.asarray(np.linalg.inv(np.eye(len(one)) + run.white(run.white(one).T)), float)
-                         for run, one in zip(self.beside.runs, covariance)]
+        self._weight = [Solution(run.white(run.white(one).T)) for run, one in zip(self.beside.runs, covariance)]
         if covariance or not self.beside.is_plain:
             transposed = self._weighted(design.T.toarray())
             normal = mix[model.free].T @ (transposed @ (design @ mix[model.free]))
@@ -136,14 +136,14 @@ class JointSolution:
 
     def _weighted(self, rows: Floats) -> Floats:
         """Return rows (k, 3 N) times the inverse of the covariance of the readings."""
-        if self.beside.is_plain and not self._inverse:
+        if self.beside.is_plain and not self._weight:
             return rows
         return np.hstack([self._weighted_of(place, rows[:, np.repeat(self.model.run == place, 3)])
                           for place in range(len(self.model.runs))])
 
     def _weighted_of(self, place: int, rows: Floats) -> Floats:
         """Return the same of one run, (k, 3 n)."""
-        return self.beside.runs[place].weighted(rows, self._inverse[place] if self._inverse else None)
+        return self.beside.runs[place].weighted(rows, self._weight[place] if self._weight else None)
 
     def _square(self, residual: Floats) -> float:
         """Return the square sum of a residual (N, 3) in white coordinates."""

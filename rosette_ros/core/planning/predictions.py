@@ -46,7 +46,7 @@ from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.free import FREE, WALK
 from rosette_ros.core.model.least_squares import REFINED, Fit, observed
 from rosette_ros.core.run.records import Floats, Run
-from rosette_ros.core.sight.bayes_factor import log_bayes_factor
+from rosette_ros.core.sight.linear_explanation import Solution
 
 ROUNDS = 3
 """Times that the sizes of members are taken from their amplitudes, from the likeliest one of all members together."""
@@ -79,8 +79,7 @@ class Predictions:
         spread = np.tensordot(p, self.spread, axes=1)
         square, out, place = np.zeros((len(p), len(p))), list[int](), np.arange(3 * size).reshape(size, 3)
         for _ in range(min(count, size)):
-            own = np.linalg.cholesky(spread[place[:, :, None], place[:, None, :]] + np.eye(3))
-            z = np.linalg.solve(own, mean[:, place].transpose(1, 2, 0))  # (S, 3, m)
+            z = Solution(spread[place[:, :, None], place[:, None, :]]).halved(mean[:, place].transpose(1, 2, 0))
             apart = np.sum((z[..., :, None] - z[..., None, :])**2, axis=1)
             gain = information(p, square + apart)
             gain[out] = -1
@@ -88,7 +87,7 @@ class Predictions:
             out.append(best)
             square = square + apart[best]
             rows = place[best]
-            held = np.linalg.solve(spread[np.ix_(rows, rows)] + np.eye(3), spread[rows])
+            held = Solution(spread[np.ix_(rows, rows)]).solved(spread[rows])
             mean = mean - mean[:, rows] @ held
             spread = spread - spread[:, rows] @ held
         return out, square
@@ -96,12 +95,11 @@ class Predictions:
     def distances(self, count: int) -> Floats:
         """Return the squared distances of the explanations in the first readings, so many, together, (m, m)."""
         mean, spread = self.mean[:, :3 * count], self.spread[:, :3 * count, :3 * count]
-        every, out = spread + np.eye(spread.shape[1]), np.zeros((len(self.p), len(self.p)))
-        log_det = np.linalg.slogdet(every)[1]
+        log_det, out = Solution(spread).log_det, np.zeros((len(self.p), len(self.p)))
         for i, j in combinations(range(len(self.p)), 2):
-            middle, apart = (every[i] + every[j]) / 2, mean[i] - mean[j]
-            square = apart @ np.linalg.solve(middle, apart)
-            out[i, j] = out[j, i] = square + 4 * np.linalg.slogdet(middle)[1] - 2 * (log_det[i] + log_det[j])
+            middle = Solution((spread[i] + spread[j]) / 2)
+            square = middle.fall(mean[i] - mean[j])
+            out[i, j] = out[j, i] = square + 4 * middle.log_det - 2 * (log_det[i] + log_det[j])
         return out
 
 
@@ -197,7 +195,7 @@ def _solved(blocks: Sequence[tuple[slice, list[slice]]], gram: Floats,
     normal, right = gram[np.ix_(own, own)], product[own]
     prior = np.full(len(own), _likeliest_size(normal, right))
     for _ in range(ROUNDS):
-        q = np.linalg.inv(normal + np.diag(prior**-2))
+        q = _covariance(normal, prior)
         amplitude = q @ right
         prior = np.maximum(np.sqrt(np.bincount(of, amplitude**2 + q.diagonal()) / np.bincount(of)), 1.0)[of]
     mix = list(np.eye(len(gram))[own])
@@ -206,17 +204,19 @@ def _solved(blocks: Sequence[tuple[slice, list[slice]]], gram: Floats,
             mix.append(np.zeros(len(gram)))
             mix[-1][one] = amplitude[of == place]
     every = np.array(mix).reshape(-1, len(gram))
-    weight = np.concatenate([prior**-2, np.ones(len(every) - len(own))])
-    return every, amplitude, np.linalg.inv(every @ gram @ every.T + np.diag(weight))
+    return every, amplitude, _covariance(every @ gram @ every.T, np.append(prior, np.ones(len(every) - len(own))))
+
+
+def _covariance(normal: Floats, prior: Floats) -> Floats:
+    """Return that of amplitudes with normal equations (q, q) and standard deviations before, (q,), in sigma."""
+    half = Solution(prior[:, None] * normal * prior).halved(np.diag(prior))
+    return np.asarray(half.T @ half)
 
 
 def _likeliest_size(normal: Floats, right: Floats) -> float:
     """Return the one of SIZES at which amplitudes with normal equations explain the readings best."""
-    value, vector = np.linalg.eigh(normal)
-    square, value = (vector.T @ right)**2, np.maximum(value, 0)
-    grown = 1 + value * SIZES[:, None]**2
-    fall = np.sum(SIZES[:, None]**2 * square / grown, axis=1)
-    return float(SIZES[np.argmax(log_bayes_factor(np.log(grown).sum(axis=1), fall))])
+    size = SIZES[:, None]
+    return float(SIZES[np.argmax(Solution(size[:, None]**2 * normal).log_bayes_factor(size * right))])
 
 
 def _linear(run: Run, effect: Effect, setting: Setting, size: int) -> list[Floats]:

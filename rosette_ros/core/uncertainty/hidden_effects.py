@@ -24,7 +24,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.effects.effect import PhysicalEffect, Setting, grid
 from rosette_ros.core.effects.library import EFFECTS, effects_of
@@ -34,7 +33,7 @@ from rosette_ros.core.run.geometry import rotate_z
 from rosette_ros.core.run.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.core.run.scheme import nominal_places
 from rosette_ros.core.sight.bank import CauseFamily
-from rosette_ros.core.sight.bayes_factor import log_bayes_factor
+from rosette_ros.core.sight.linear_explanation import Solution
 from rosette_ros.core.sight.priors import with_priors
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.core.uncertainty.mixture import Mixture
@@ -216,11 +215,8 @@ def _posterior(rows: Floats, left: Floats, moved: Floats) -> tuple[Floats, Float
     rows A: (k, m) what they do to what is left of the readings, r: (m,), in units of the noise; moved X: (k, c), to the
     curves. The smaller one of A A' and A' A is solved."""
     is_tall, wanted = len(rows) > rows.shape[1], np.column_stack([rows @ left, moved])
-    square = rows.T @ rows if is_tall else rows @ rows.T
-    rounding = len(square) * np.finfo(float).eps * float(np.diag(square).max(initial=0.0))
-    factor = scipy.linalg.cho_factor((1 + rounding) * np.eye(len(square)) + square)
-    solved = scipy.linalg.cho_solve(factor, rows.T @ wanted if is_tall else wanted)
-    solved = wanted - rows @ solved if is_tall else solved
+    solution = Solution(rows.T @ rows if is_tall else rows @ rows.T)
+    solved = wanted - rows @ solution.solved(rows.T @ wanted) if is_tall else solution.solved(wanted)
     return solved[:, 0], solved[:, 1:]
 
 
@@ -287,7 +283,9 @@ class _Several(NamedTuple):
         """Return the probability that it is there, and the standard deviation of each amplitude.
 
         looked: of each array of columns E E' (b, q, q) and E r (b, q), over the rms of r; dof: of r."""
-        log = np.log(self.odds) + np.concatenate([_log_bayes(*one, self.slab, dof) for one in looked])
+        log = np.log(self.odds) + np.concatenate([
+            Solution(self.slab**2 * square).log_bayes_factor(self.slab * told, float(dof), dof)
+            for square, told in looked])
         p = np.exp(log - np.logaddexp.reduce([0.0, *log]))
         return float(p.sum()), self.slab * np.sqrt(np.repeat(p, [one.shape[1] for one in self.columns for _ in one]))
 
@@ -360,10 +358,3 @@ def _settings(run: Run) -> dict[str, tuple[Setting, ...]]:
             out[name] = tuple(every[place] for place in places.tolist())
     return out
 
-
-def _log_bayes(square: Floats, told: Floats, size: float, dof: int) -> Floats:
-    """Return ln BF of blocks of amplitudes of a size against nothing, (b,), from E E' (b, q, q) and E r (b, q)."""
-    value, vector = np.linalg.eigh(square)
-    along = np.einsum('bqd,bq->bd', vector, told)
-    grown = 1 + size**2 * np.maximum(value, 0)
-    return log_bayes_factor(np.log(grown).sum(axis=1), np.sum(along**2 * size**2 / grown, axis=1), float(dof), dof)
