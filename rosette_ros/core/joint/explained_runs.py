@@ -18,6 +18,7 @@ from rosette_ros.core.diagnosis.log_evidence import SIZES, Place
 from rosette_ros.core.diagnosis.run_search import RunSearch, with_places
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.model.columns import independent
 from rosette_ros.core.model.least_squares import REFINED, Fit, FittedEffect, fit, observed
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise, Whitening
@@ -36,7 +37,7 @@ class JointEffect:
 
     fitted: as the run alone gives it, amplitudes first; columns: (q, 3 N) and tangents: (t, 3 N) of its nonlinear
     parameters, in the axes of table angle 0, m per unit; keys: of the tangents; moments: how many of it were found,
-    between readings, beside amplitudes and tangents; size: (q, q), of it R, R' R of the prior covariance of its
+    between readings, beside amplitudes and tangents; size: R (k, q), R' R of the prior covariance of its
     amplitudes over the variance of the noise.
     """
 
@@ -57,7 +58,7 @@ class JointEffect:
 class Hypothesis:
     """An explanation of a run: its probability, its effects, and what the run alone says of those by which it has that
     probability: gram (q, q), products of their columns in what the base model leaves, told (q,), with the readings, and
-    their size R (q, q)."""
+    their size R (k, q)."""
 
     probability: float = 1.0
     effects: tuple[JointEffect, ...] = ()
@@ -320,10 +321,8 @@ def _effects_of(fitted: Fit, common: Constants, sigma: float) -> Iterable[JointE
 def _size(columns: Floats, displacement: Floats, sigma: float) -> Floats:
     """Return the size of an effect as the search takes it, white columns (q, N, 3): that found, along all it can do."""
     flat = columns.reshape(len(columns), -1)
-    value, vector = np.linalg.eigh(flat @ flat.T)
-    root = np.divide(1.0, np.sqrt(np.maximum(value, 0)), out=np.zeros(value.shape), where=value > 1e-9 * value[-1])
     found = float(np.linalg.norm(displacement)) / sigma
-    return np.asarray(np.clip(found, SIZES[0], SIZES[-1]) * root[:, None] * vector.T)
+    return np.asarray(np.clip(found, SIZES[0], SIZES[-1]) * independent(flat @ flat.T, 1e-9 * float(np.sum(flat**2))))
 
 
 def _alone(fitted: Fit, effects: Sequence[JointEffect]) -> tuple[Floats, Floats, Floats]:
@@ -335,13 +334,13 @@ def _alone(fitted: Fit, effects: Sequence[JointEffect]) -> tuple[Floats, Floats,
 
 
 def _together(effects: Sequence[JointEffect]) -> Floats:
-    """Return the sizes (q, q) of several effects."""
+    """Return the sizes (k, q) of several effects."""
     return np.asarray(scipy.linalg.block_diag(*(one.size for one in effects))) if effects else np.zeros((0, 0))
 
 
 def log_bf_of(gram: Floats, told: Floats, size: Floats, sigma: float) -> float:
     """Return the log Bayes factor of columns with the products `gram` (q, q), and `told` (q,) with what is left; size:
-    (q, q) R, as of JointEffect; sigma: of the noise, m."""
+    R (k, q), as of JointEffect; sigma: of the noise, m."""
     return float(Solution(size @ gram @ size.T).log_bayes_factor(size @ told / sigma))
 
 

@@ -21,6 +21,7 @@ from rosette_ros.core.effects.effect import Searched, Setting
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.effects.run_functions import BodyMotion
 from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace
+from rosette_ros.core.model.columns import independent
 from rosette_ros.core.model.model import BASE_TERMS, Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
 from rosette_ros.core.model.second_order import (
@@ -256,9 +257,7 @@ class JointSpace:
     def _mixed(self) -> Floats:
         """Orthonormal rows (r, 3 N) of what the effects have beyond the base model."""
         scaled = self._flat[:self.q] / self._scale[:self.q, None]
-        value, vector = np.linalg.eigh(scaled @ scaled.T)
-        keep = value > HIDDEN**2
-        return np.asarray((vector[:, keep] / np.sqrt(value[keep])).T @ scaled)
+        return independent(scaled @ scaled.T, HIDDEN**2) @ scaled
 
     def curves(self, rows: Floats) -> Floats:
         """Return what displacements (m, N, 3), m, do to the curves, (m, n, 6), where all parameters are fitted anew.

@@ -44,6 +44,7 @@ from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.free import FREE, WALK
+from rosette_ros.core.model.columns import independent
 from rosette_ros.core.model.least_squares import REFINED, Fit, observed
 from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.core.sight.linear_explanation import Solution
@@ -51,7 +52,7 @@ from rosette_ros.core.sight.linear_explanation import Solution
 ROUNDS = 3
 """Times that the sizes of members are taken from their amplitudes, from the likeliest one of all members together."""
 RANK, STEP = 1e-9, 1e-3
-"""Share of the largest square sum of mixes of columns below which one is rounding; step of a derivative."""
+"""Share of the square sum of columns below which that of a mix is rounding; step of a derivative."""
 TINY = 1e-12
 """Growth of log odds that is none."""
 NODES = 24
@@ -229,9 +230,7 @@ def _linear(run: Run, effect: Effect, setting: Setting, size: int) -> list[Float
         weight = np.sqrt(effect.variances(run, setting))
         mix = np.diag(weight / np.linalg.norm(weight[:, None] * flat))
     else:
-        value, vector = np.linalg.eigh(flat @ flat.T)
-        keep = value > RANK * max(value[-1], 1e-300)
-        mix = (vector[:, keep] / np.sqrt(value[keep])).T
+        mix = independent(flat @ flat.T, RANK * float(np.sum(flat**2)))
     out = [np.tensordot(mix, raw, axes=1)]
     for one in effect.searched:
         if one.kind in REFINED and one.name in setting:
