@@ -159,7 +159,8 @@ def test_constants_of_the_diagnosis_are_explained():
     named = set()
     core = ROOT / 'rosette_ros' / 'core'
     of_cells = [core / 'joint' / f'{name}.py' for name in ('run_causes', 'cell_rates', 'cell_diagnosis')]
-    for path in (*(core / 'diagnosis').glob('*.py'), core / 'sight' / 'priors.py', *of_cells):
+    of_sight = [core / 'sight' / f'{name}.py' for name in ('priors', 'limits')]
+    for path in (*(core / 'diagnosis').glob('*.py'), *of_sight, *of_cells):
         for node in ast.parse(text_of(path)).body:
             targets = node.targets if isinstance(node, ast.Assign) else []
             named |= {(path.name, name.id) for target in targets for name in ast.walk(target)

@@ -11,7 +11,7 @@ from benchmarks.blind.answers import Record
 from benchmarks.blind.noise_kinds import KINDS
 from benchmarks.blind.runs import CROSSED
 from benchmarks.blind.trial import OPEN_STRENGTHS, STRENGTHS
-from rosette_ros.core.diagnosis.limits import SURE
+from rosette_ros.core.sight.limits import SURE
 
 BINS = (0.5, 0.7, 0.9, 0.97, 1.0)
 """Edges of the stated probabilities."""

@@ -3,11 +3,11 @@
 
 from collections.abc import Iterable, Sequence
 
-from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import PhysicalEffect
 from rosette_ros.core.joint.cell_diagnosis import CellCause, CellDiagnosis, CommonConstant, SizeChange
 from rosette_ros.core.run.number_words import micrometres
+from rosette_ros.core.sight.limits import LISTED
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.words.effect_words import capital, decimals, fixed, names, scale_of, title_of
 from rosette_ros.words.motion_words import MOST, MOVES, VERBS, chance, member_words, titles, with_words

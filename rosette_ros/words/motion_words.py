@@ -7,13 +7,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
-from rosette_ros.core.diagnosis.common_cause import CommonCause, common_causes
-from rosette_ros.core.diagnosis.limits import CLAIM, SURE
+from rosette_ros.core.diagnosis.common_cause import going_together
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.composed import GOING
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
 from rosette_ros.core.effects.free import OF
 from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.core.sight.limits import CLAIM, SURE
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
 from rosette_ros.words.effect_words import (
     MEANINGS,
@@ -156,7 +156,7 @@ def causes_words(every: Sequence[MissingEffect], said: Said) -> str:
     """Return what is missing, each as of `missing_words`, what one body does and what has one cause together."""
     once = [one for place, one in enumerate(every)  # several names may be one motion
             if one.depth != 1 or one.cause not in [other.cause for other in every[:place]]]
-    return _joined([_together(one, said) for one in common_causes(once)])
+    return _joined([_together(one, said) for one in going_together(once)])
 
 
 def experience_words(one: MissingEffect) -> str:
@@ -250,40 +250,44 @@ def _statement(one: MissingEffect, said: Said) -> _Statement:
 
 
 def _moving(one: MissingEffect, said: Said) -> _Statement | None:
-    """Return what moves with what, by the verb of its law; None of a law that has none."""
+    """Return what moves with what, by the verb of its law, and what runs like a variable where this law is not sure;
+    None of a law that has none."""
     effect, cause = MEANINGS.get(one.name), one.cause
     if cause is None or not isinstance(effect, PhysicalEffect):
         return None
     ball, reading = cause.number('ball'), cause.number('reading')
     if reading:
         return _Statement(f'reading {reading} is off')
+    own = effect.motion.variables
+    driven = _driven(cause, own, said) if cause.law_probability < SURE else (_driven_words(cause, own), '')
     return _Statement(MOVES[type(effect.motion)] if ball is None else _does(effect, f'ball {ball}'),
-                      _others_words(cause, said, effect.moved(one.setting)),
-                      _driven_words(cause, effect.motion.variables))
+                      _others_words(cause, said, effect.moved(one.setting)), *driven)
 
 
-def _together(some: CommonCause, said: Said) -> _Statement:
+def _together(some: Sequence[MissingEffect], said: Said) -> _Statement:
     """Return what is missing as far as it is known; of several motions of one course that they are one cause.
 
     'the probe moves and the table axis tilts with time (99 %), most likely by one cause, with a fixed period in time
     (period 11.3 min) (96 %)'."""
-    first, *others = some.effects
+    first, *others = some
     effect = MEANINGS.get(first.name)
     if not others or not isinstance(effect, PhysicalEffect) or first.cause is None:
         return _statement(first, said)
     numbers = {part.name: first.setting[part.name] for part in effect.course.searched if part.name in first.setting}
     setting = setting_words(first.name, numbers, time=first.time_unit)
-    every = [one._replace(way='').words for one in (_moving(one, said) for one in some.effects) if one]
-    return _Statement(f'{names(every)} {_driven_words(first.cause)} ({chance(some.probability)}), most likely by one '
-                      f'cause, {HOW[type(effect.course)]} ({setting}) ({chance(some.law_probability)})')
+    every = [one._replace(way='').words for one in (_moving(one, said) for one in some) if one]
+    there = min(one.probability for one in some)
+    known = min(max((p for law, p in one.cause.laws if law), default=0.0) for one in some if one.cause)
+    return _Statement(f'{names(every)} {_driven_words(first.cause)} ({chance(there)}), most likely by one cause, '
+                      f'{HOW[type(effect.course)]} ({setting}) ({chance(known)})')
 
 
 def _driven(cause: Cause, own: Sequence[str], said: Said) -> tuple[str, str]:
     """Return with what something moves, but for what it is itself, `own`, and with what else that may be; in brackets
     what runs like a variable, of the last one beside it: 'with time', 'number of readings and table travel run alike'.
     """
-    variables = [(variable_words(first), _alike_words(said.new(first, others)))
-                 for first, *others in cause.variables if first not in own]
+    beyond = [some for some in cause.variables if some[0] not in own] or cause.variables
+    variables = [(variable_words(first), _alike_words(said.new(first, others))) for first, *others in beyond]
     if not variables:
         return _ways(with_words(()), *map(with_words, cause.or_with)), ''
     *others, (last, alike) = variables

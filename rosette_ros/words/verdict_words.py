@@ -6,7 +6,6 @@ from dataclasses import replace
 from math import hypot, isnan
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
-from rosette_ros.core.diagnosis.limits import SURE
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts
 from rosette_ros.core.diagnosis.verdict import Outcome, Residual, Verdict, VerdictText
 from rosette_ros.core.diagnosis.wrong_readings import WRONG, WrongReading
@@ -14,6 +13,7 @@ from rosette_ros.core.model.noise import Group
 from rosette_ros.core.run.number_words import SCALES, micrometres, multiple, p_equation, p_words, significant
 from rosette_ros.core.run.records import SI_UNITS
 from rosette_ros.core.run.remarks import RemarkKind
+from rosette_ros.core.sight.limits import SURE
 from rosette_ros.core.uncertainty.stated_environment import LABORATORY, Unseen
 from rosette_ros.words.effect_words import (
     capital,

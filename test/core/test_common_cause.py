@@ -6,9 +6,10 @@ from dataclasses import replace
 import pytest
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
-from rosette_ros.core.diagnosis.common_cause import common_causes
+from rosette_ros.core.diagnosis.common_cause import going_together
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.words.motion_words import Said, causes_words
 
 
 def cycle(name, body, period, u=5.0, p=0.99, law=0.9):
@@ -23,9 +24,9 @@ TABLE = cycle('axis_tilt_cycle', 'table axis tilting', 620.0, p=0.95, law=0.8)
 
 def test_cycles_of_one_period_have_a_common_cause():
     """20 s apart, within four standard uncertainties of the difference, 28.3 s; its probability is the least one."""
-    [found] = common_causes([PROBE, TABLE])
-    assert found.effects == (PROBE, TABLE)
-    assert (found.probability, found.law_probability) == (pytest.approx(0.95), pytest.approx(0.8))
+    assert going_together([PROBE, TABLE]) == ((PROBE, TABLE),)
+    words = causes_words([PROBE, TABLE], Said())
+    assert '(95 %), most likely by one cause' in words and words.endswith('(80 %)')
 
 
 @pytest.mark.parametrize('other', [
@@ -39,4 +40,4 @@ def test_cycles_of_one_period_have_a_common_cause():
          'another course', 'nothing known', 'no period'])
 def test_others_stand_alone(other):
     """In the order in which they are missing."""
-    assert [one.effects for one in common_causes([PROBE, other])] == [(PROBE,), (other,)]
+    assert going_together([PROBE, other]) == ((PROBE,), (other,))

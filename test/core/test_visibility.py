@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.linalg import orth, subspace_angles
 from synthetic import synthetic_run
 
 from rosette_ros.core.effects.effect import Setting
@@ -15,6 +16,7 @@ from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.planning.advice import advise, planned_run
 from rosette_ros.core.run.scheme import places_in_use, plan
+from rosette_ros.core.sight.limits import DETECTABLE
 from rosette_ros.core.sight.visibility import visibility
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.motion_words import titles
@@ -138,3 +140,24 @@ def test_an_advice_is_the_same_on_every_processor():
     said = {subprocess.run([sys.executable, '-c', code], env={**os.environ, 'OPENBLAS_CORETYPE': kernel}, check=True,
                            capture_output=True).stdout for kernel in ('Nehalem', 'Sandybridge')}
     assert len(said) == 1
+
+
+@pytest.mark.parametrize('order', ['diagonal', 'random'])
+def test_what_cannot_be_told_apart_would_be_listed_beside(order):
+    """The best direction of an effect, of the size that is found, against what another one leaves of it: the expected
+    log Bayes factor is half its square sum over sigma^2, and ln 20 where the other one keeps 5 %."""
+    run, *_ = synthetic_run(6, order, 2)
+    space, shown = BaseSpace(run, run.radius), [one for one in visibility(run) if one.share and not one.hidden]
+    columns = {one.name: np.moveaxis(EFFECTS[one.name].columns(run, one.setting), -1, 0) for one in shown}
+    rows = {}
+    for name, some in columns.items():
+        some = some - some.mean(axis=1, keepdims=True)
+        moving = some[np.linalg.norm(some, axis=(1, 2)) > 0]
+        unit = moving / np.linalg.norm(moving, axis=(1, 2), keepdims=True)
+        rows[name] = space.residual(unit).reshape(len(unit), -1).T
+    for one in shown:
+        own = orth(rows[one.name], 1e-3)
+        expected = {name: DETECTABLE**2 * np.sin(subspace_angles(own, orth(other, 1e-3)).min())**2 / 2
+                    for name, other in rows.items() if name != one.name}
+        assert set(one.alike) == {name for name, log_bf in expected.items() if log_bf < np.log(20)}
+    assert any(one.alike for one in shown) and not all(len(one.alike) == len(shown) - 1 for one in shown)

@@ -43,6 +43,7 @@ PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'searched values
            'where σ is', ' : {100 -', 'Physical names mean')
 """Of these each interface, and the documentation, says what a metrologist says instead."""
 ALIKE = (('time', 'temperature', 'touches', 'travel'),)
+RUN = 'number of readings, temperature and one more run alike'
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
 
 
@@ -132,8 +133,8 @@ def test_laws_of_one_body_and_variable_are_one_statement():
     step = MissingEffect('frame_step', Setting(), cause=cause('frame', ALIKE, 0.96, {
         'frame_step': 0.85, 'frame_cycle': 0.09, 'frame_warmup': 0.02}))
     assert verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (drift, drift, step))).sentence.startswith(
-        'The probe moves with time (99 %), most likely linear probe drift (90 %), and by another law (96 %), most '
-        'likely step in the machine coordinate system (85 %). With them the residual ')
+        f'The probe moves with time (99 %), most likely linear probe drift (90 %), and by another law ({RUN}; 96 %), '
+        'most likely step in the machine coordinate system (85 %). With them the residual ')
 
 
 def test_a_residual_that_stays_too_large_is_said_once():
@@ -248,16 +249,15 @@ def test_a_size_that_is_not_determined_is_said_as_that():
      'single wrong reading, reading 48 (97 %)'),
     (MissingEffect('frame_drift', Setting(), {}, cause(
         'frame', ALIKE, 0.99, {'frame_drift': 0.61, 'frame_warmup': 0.36, 'frame_step': 0.01})),
-     'the probe moves with time (99 %), most '
-     'likely linear probe drift (61 %), warm-up of the machine (36 %)'),
+     f'the probe moves with time ({RUN}; 99 %), most likely linear probe drift (61 %), warm-up of the machine (36 %)'),
     (MissingEffect('frame_drift', Setting(), {}, cause('frame', (('time', 'travel'),), 0.99, {
         'frame_drift + frame_cycle': 0.6, '': 0.39})),
-     'the probe moves with time (99 %), most likely linear probe drift '
-     'and periodic drift of the machine (60 %), one that is not in the library (39 %)'),
+     'the probe moves with time (table travel runs alike; 99 %), most likely linear probe drift and periodic drift of '
+     'the machine (60 %), one that is not in the library (39 %)'),
     (MissingEffect('frame_step', Setting(), {}, cause('frame', ALIKE, 0.99, {
         'frame_step + frame_step': 0.42, 'frame_step + frame_step + frame_step': 0.26, 'frame_step': 0.25})),
-     'the probe moves with time (99 %), most likely step in the machine coordinate system (2 times) (42 %), 3 times '
-     '(26 %), once (25 %)'),
+     f'the probe moves with time ({RUN}; 99 %), most likely step in the machine coordinate system (2 times) (42 %), '
+     '3 times (26 %), once (25 %)'),
     (MissingEffect('table_zero_drift', Setting(), {}, cause('table or plate turning', (('temperature',),), 0.99, {
         '': 0.93, 'table_zero_expansion': 0.06})),
      'the table or the plate turns with the temperature (99 %); its law is not in the library (93 %)'),

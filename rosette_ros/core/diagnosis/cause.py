@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.limits import SURE
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.experience import KnownCause
+from rosette_ros.core.sight.limits import SURE
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.diagnosis.log_evidence import Place

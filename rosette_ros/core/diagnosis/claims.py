@@ -9,17 +9,14 @@ from itertools import combinations
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
-from rosette_ros.core.diagnosis.levels import STANDS, causes_of, course_of, motion_of, slow_functions
-from rosette_ros.core.diagnosis.limits import CLAIM, LISTED, SURE
+from rosette_ros.core.diagnosis.levels import causes_of, course_of, motion_of, slow_functions
 from rosette_ros.core.diagnosis.log_evidence import Member, Place, State
 from rosette_ros.core.diagnosis.null_gains import p_of_tail
 from rosette_ros.core.diagnosis.run_search import RunSearch
 from rosette_ros.core.effects.free import TIMES, moving_bodies, variables
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.run.records import UNLIKELY, Floats
-
-NEAR_LAW = 0.05
-"""Share of their log likelihood, and at least 2, by which a course without a name has to be worse than two laws."""
+from rosette_ros.core.sight.limits import ALIKE, CLAIM, LISTED, SURE, are_alike
 
 
 class Claims:
@@ -60,7 +57,7 @@ class Claims:
 
     def _as_moving(self, state: State, place: int) -> Cause:
         """Return what a member says, with the bodies whose motion by its course describes what the readings show of it;
-        of a motion without a name, with the variables of which slow functions do."""
+        of a motion without a name, with the variables of which slow functions do, the plainest first."""
         member = state.members[place]
         own, course = motion_of(self._run, member.place), course_of(self._run, member.place)
         if course is None:
@@ -73,9 +70,8 @@ class Claims:
         alike -= {*own.bodies}
         driving = own.variables
         if member.family.is_free and len(driving) == 1 and own.bodies[0] in moving:
-            more = {name for name, functions in slow_functions(self._run).items()
-                    if name not in own.may_be and self._describes(shown, functions.T, moving[own.bodies[0]])}
-            driving = ((*driving[0], *sorted(more)),)
+            driving = (tuple(name for name, functions in slow_functions(self._run).items() if name in own.may_be
+                             or self._describes(shown, functions.T, moving[own.bodies[0]])),)
         return replace(own, bodies=(*own.bodies, *sorted(alike)), alike=frozenset(alike), variables=driving)
 
     def _describes(self, shown: Floats, functions: Floats, directions: Floats) -> bool:
@@ -84,18 +80,27 @@ class Claims:
         rows = self._search.evidence.space.residual(columns).reshape(len(columns), -1)
         basis = np.linalg.svd(rows, full_matrices=False)[2][:np.linalg.matrix_rank(rows)]
         left = shown - (shown @ basis.T) @ basis
-        return 1 - float(left @ left) / max(float(shown @ shown), 1e-300) > STANDS
+        return 1 - float(left @ left) / max(float(shown @ shown), 1e-300) > ALIKE
 
     def _is_certain(self, cause: Cause) -> bool:
         """Return whether a cause leaves no other law than its own, and body, variable and fit leave no other cause.
 
-        What moves by a constant amount, or with a sense, which has two values, has no other. In time, a law may always
-        be another one that looks like it and that the library lacks."""
+        What moves by a constant amount, or with a sense, which has two values, has no other, but may be what the order
+        shows of one. In time, a law may always be another one that looks like it and that the library lacks."""
         many = {one.name for one in variables(self._run) if np.ptp(np.abs(one.functions[one.functions != 0])) > 0}
         return (len(cause.names) == len(cause.bodies) == 1 and cause.law_probability >= SURE
                 and all(len(some) == 1 and many.isdisjoint(some) for some in cause.variables)
                 and not any(one.family.is_free for one in self.chosen.members)
-                and not ((p := self.fit.lack_of_fit_p) is not None and p < UNLIKELY))
+                and not ((p := self.fit.lack_of_fit_p) is not None and p < UNLIKELY)
+                and not self._has_double(cause.places[0]))
+
+    def _has_double(self, place: Place) -> bool:
+        """Return whether a member cannot be told apart from another law or course of the grammar, beside the others."""
+        members = self.chosen.members
+        rest = self.chosen.without(next(k for k, one in enumerate(members) if one.place == place))
+        worth = {one.name: one.log_bf for one in rest.offers()}
+        own = worth.pop(place[0].name)
+        return are_alike(own, max(worth.values(), default=0.0))
 
     def _found_of(self, member: Member) -> Cause:
         """Return the Cause of a member before it is known whether its law is certain, which what is claimed decides."""
@@ -159,8 +164,11 @@ class Claims:
 
     @property
     def doubtful(self) -> tuple[tuple[str, float], ...]:
-        """Names of the best hypothesis that are likely, but not enough to be said, each with its probability."""
+        """Names of the best hypothesis that are likely, but not enough to be said, each with its probability; none of a
+        body and a variable of which something is told, of which they may be the law."""
         said = {one.name for one in self.members}
+        said |= {one.name for one in self._search.chosen.members
+                 if any(told.agrees(motion_of(self._run, one.place)) for told in self.told)}
         return tuple((name, one.is_there) for name, one in self._search.posterior.named.items() if name not in said)
 
     @cached_property
@@ -220,8 +228,7 @@ def opened(state: State) -> State:
             continue
         *rest, best = free.members
         before = State(state.evidence, rest, is_sized=True)
-        own = state.likelihood - before.likelihood
-        if before.line(best.rows).max() >= own - max(NEAR_LAW * own, 2.0):
+        if are_alike(state.likelihood - before.likelihood, float(before.line(best.rows).max())):
             return opened(free)
     return state
 

@@ -4,7 +4,6 @@ probe and its table axis."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from rosette_ros.core.diagnosis.cause import Cause, MissingEffect
 from rosette_ros.core.diagnosis.verdict import CERTAIN
@@ -13,25 +12,9 @@ from rosette_ros.core.effects.effect import PhysicalEffect
 from rosette_ros.core.model.least_squares import Parameter
 
 
-@dataclass(frozen=True)
-class CommonCause:
-    """Effects of other bodies that go with the same variables by one course with the same numbers; or one alone."""
-
-    effects: tuple[MissingEffect, ...]
-
-    @property
-    def probability(self) -> float:
-        """The probability of that which is the least likely to be there."""
-        return min(one.probability for one in self.effects)
-
-    @property
-    def law_probability(self) -> float:
-        """The probability of the likeliest law by its name, of that of which it is the least."""
-        return min(max((p for law, p in one.cause.laws if law), default=0.0) for one in self.effects if one.cause)
-
-
-def common_causes(missing: Sequence[MissingEffect]) -> tuple[CommonCause, ...]:
-    """Return what is missing in its order, together what goes together."""
+def going_together(missing: Sequence[MissingEffect]) -> tuple[tuple[MissingEffect, ...], ...]:
+    """Return what is missing in its order, together effects of other bodies that go with the same variables by one
+    course with the same numbers."""
     found: list[list[MissingEffect]] = []
     for one in missing:
         known = [some for some in found if all(_go_together(one, other) for other in some)]
@@ -39,7 +22,7 @@ def common_causes(missing: Sequence[MissingEffect]) -> tuple[CommonCause, ...]:
             known[0].append(one)
         else:
             found.append([one])
-    return tuple(CommonCause(tuple(some)) for some in found)
+    return tuple(map(tuple, found))
 
 
 def _go_together(one: MissingEffect, other: MissingEffect) -> bool:

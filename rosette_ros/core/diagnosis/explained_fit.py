@@ -8,11 +8,11 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cause import MissingEffect
-from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.moments import moments_of
 from rosette_ros.core.diagnosis.run_search import RunSearch, with_places
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.run.errors import NotDeterminable
+from rosette_ros.core.sight.limits import LISTED
 from rosette_ros.core.uncertainty.mixture import total
 
 Explained = tuple[tuple[float, Fit], ...]

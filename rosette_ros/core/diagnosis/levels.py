@@ -8,15 +8,12 @@ from itertools import combinations
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Cause
-from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.free import FREE, PLACES, variables
 from rosette_ros.core.run.records import Floats, Run
+from rosette_ros.core.sight.limits import ALIKE, LISTED
 
-STANDS = 0.975
-"""Share of the variance of a variable, or of a course, that the functions of another variable describe where this
-stands for it."""
 WAVES = 12
 """Functions of a variable on a line that are asked: slow ones."""
 
@@ -40,7 +37,7 @@ def motion_of(run: Run, place: Place) -> Cause:
     course = course_of(run, place)
     if len(own) == 1 and not family.is_free and course is not None and np.ptp(course, axis=1).any():
         standing[next(iter(own))] |= {  # a law may be a function of more than its variable is
-            name for name, basis in slow_functions(run).items() if _share(course, basis) > STANDS} - own
+            name for name, basis in slow_functions(run).items() if _share(course, basis) > ALIKE} - own
     return Cause((place,), tuple(sorted(effect.moved(setting))),
                  tuple((one, *sorted(standing[one])) for one in sorted(own)))
 
@@ -53,7 +50,7 @@ def wander_of(run: Run) -> Cause:
 def _standing(run: Run, name: str) -> set[str]:
     """Return the variables that stand for one."""
     return {a if name == b else b for (a, b), share in _described(run).items()
-            if name in (a, b) and a != b and share > STANDS}
+            if name in (a, b) and a != b and share > ALIKE}
 
 
 def course_of(run: Run, place: Place) -> Floats | None:

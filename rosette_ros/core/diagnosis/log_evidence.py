@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.model.columns import independent
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Bools, Floats, Ints, Run
 from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of, sensitivity
@@ -386,9 +387,7 @@ class State:
     @cached_property
     def basis(self) -> Floats:
         """Orthonormal rows (k, 3 N) of what the members describe."""
-        value, vector = np.linalg.eigh(self._gram)
-        keep = value > ROUNDING
-        return np.asarray((vector[:, keep] / np.sqrt(value[keep])).T @ self.rows)
+        return np.asarray(independent(self._gram, ROUNDING) @ self.rows)
 
     @cached_property
     def residual(self) -> Floats:
@@ -404,9 +403,7 @@ class State:
     def extended(self, rows: Floats) -> tuple[Floats, Floats]:
         """Return what a least-squares fit of the members and further rows (q, 3 N) leaves, (3 N,), and their basis."""
         rows = rows - (rows @ self.basis.T) @ self.basis
-        value, vector = np.linalg.eigh(rows @ rows.T)
-        keep = value > ROUNDING
-        more = (vector[:, keep] / np.sqrt(value[keep])).T @ rows
+        more = independent(rows @ rows.T, ROUNDING) @ rows
         return self.residual - (more @ self.residual) @ more, np.concatenate([self.basis, more])
 
     def fall(self, rows: Floats) -> float:

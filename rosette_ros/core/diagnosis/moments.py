@@ -4,10 +4,10 @@
 import numpy as np
 
 from rosette_ros.core.diagnosis.cause import Interval
-from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.run_functions import around, beside, seconds
 from rosette_ros.core.model.least_squares import Fit, JointSpace
+from rosette_ros.core.sight.limits import LISTED
 
 NEAR = 60
 """So many gaps between readings to either side are asked whether a moment lies there."""

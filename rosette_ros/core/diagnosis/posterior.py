@@ -9,11 +9,11 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.hypotheses import Looked
-from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.log_evidence import NEAR, Place, State
 from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.run.records import Floats
+from rosette_ros.core.sight.limits import LISTED
 
 Key = tuple[tuple[str, ...], tuple[str, ...]]
 """Names of the members, sorted, and kinds of the noise, none for white."""

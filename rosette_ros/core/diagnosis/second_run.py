@@ -26,7 +26,7 @@ from rosette_ros.core.run.errors import InvalidData
 from rosette_ros.core.run.records import UNLIKELY, Floats, Run
 from rosette_ros.core.run.same_readings import in_common, is_once_more
 from rosette_ros.core.sight.bank import CauseFamily, columns_of, sensitivity
-from rosette_ros.core.sight.visibility import DETECTABLE
+from rosette_ros.core.sight.limits import DETECTABLE
 
 Learnt = tuple[Effect, FittedEffect]
 """An effect and how it was fitted to run A."""

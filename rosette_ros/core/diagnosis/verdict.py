@@ -7,11 +7,11 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.diagnosis.cause import MissingEffect
-from rosette_ros.core.diagnosis.limits import SURE
 from rosette_ros.core.diagnosis.noise_facts import NoiseFacts, noise_facts
 from rosette_ros.core.diagnosis.wrong_readings import WrongReading, outliers, wrong_readings
 from rosette_ros.core.run.records import UNLIKELY
 from rosette_ros.core.run.remarks import Remark, RemarkKind
+from rosette_ros.core.sight.limits import SURE
 from rosette_ros.core.uncertainty.stated_environment import Unseen
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy  # which loads its parts where they are used
 
-from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.run_search import RunSearch, with_places
 from rosette_ros.core.diagnosis.verdict import Level
@@ -30,6 +29,7 @@ from rosette_ros.core.run.errors import InvalidData, NotDeterminable
 from rosette_ros.core.run.records import UNLIKELY, Floats, Run
 from rosette_ros.core.run.same_readings import is_once_more
 from rosette_ros.core.sight.bank import why_not_judged
+from rosette_ros.core.sight.limits import LISTED
 
 LIKELY = 0.5
 """Probability from which on a cause is said to be in a run, or a property of the cell."""

@@ -12,7 +12,6 @@ from itertools import chain
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.limits import LISTED
 from rosette_ros.core.diagnosis.log_evidence import State, log_mean
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.diagnosis.run_search import RunSearch
@@ -20,6 +19,7 @@ from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.run.records import Floats, Ints
 from rosette_ros.core.sight.bank import CauseFamily, columns_of
+from rosette_ros.core.sight.limits import LISTED
 from rosette_ros.core.sight.priors import log_found
 
 KEPT = 12.0

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From which probability on something is listed, claimed and said as found."""
+"""From which probability on something is listed, claimed and said as found, and what cannot be told apart."""
+
+import math
 
 LISTED = 0.05
 """Probability from which on something is told at all: an explanation, a law, another name over that of the one in whose
@@ -9,3 +11,17 @@ CLAIM = 0.7
 """Probability of a cause, with what this run cannot tell from it, from which on it is claimed."""
 SURE = 0.9
 """Probability from which on something is said as found; below it is suspected."""
+DETECTABLE = 6.0
+"""Norm of what is not absorbed, in sigma, that the search finds nearly always."""
+ALIKE = 1 - 2 * math.log(1 / LISTED) / DETECTABLE**2
+"""Share of what an order shows of one thing that another describes where it cannot tell them apart.
+
+What the other leaves of one of the size d, which is found, moves the log Bayes factor between them by an expected
+d^2 (1 - share) / 2; below ln(1 / LISTED) the other one remains listed."""
+
+
+def are_alike(worth: float, other: float) -> bool:
+    """Return whether an explanation cannot be told apart from another one, by their log Bayes factors against nothing.
+
+    What is stronger than what is just found counts as this: no law of a list is exact, and it shows the difference."""
+    return worth - other < max(math.log(1 / LISTED), (1 - ALIKE) * worth)

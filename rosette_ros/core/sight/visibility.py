@@ -19,12 +19,10 @@ from rosette_ros.core.model.least_squares import HIDDEN_SHARE
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.core.sight.bank import Bank, CauseFamily, CoordinateSpace, why_not_judged
+from rosette_ros.core.sight.limits import ALIKE, DETECTABLE
 
 GOOD_SHARE = 0.3
 """Sensitivity from which an order shows an effect well."""
-DETECTABLE = 6.0
-"""Norm of what is not absorbed, in sigma, that the search finds nearly always."""
-SAME_SHAPE = 0.95
 MOST_CHOICES = 60
 """Choices of an effect, such as the reading that is wrong, whose bias on the curves is looked at."""
 
@@ -175,7 +173,7 @@ def _alike(entry: Visibility, shapes: dict[str, Floats]) -> tuple[str, ...]:
     own = shapes.get(entry.name)
     if own is None or not len(own) or entry.hidden:
         return ()
-    return tuple(name for name, rows in shapes.items() if name != entry.name and _reaches(own @ rows.T, SAME_SHAPE))
+    return tuple(name for name, rows in shapes.items() if name != entry.name and _reaches(own @ rows.T, ALIKE**0.5))
 
 
 def _reaches(product: Floats, least: float) -> bool:
