@@ -287,7 +287,9 @@ def _driven(cause: Cause, own: Sequence[str], said: Said) -> tuple[str, str]:
     what runs like a variable, of the last one beside it: 'with time', 'number of readings and table travel run alike'.
     """
     beyond = [some for some in cause.variables if some[0] not in own] or cause.variables
-    variables = [(variable_words(first), _alike_words(said.new(first, others))) for first, *others in beyond]
+    itself = {first for first, *_ in beyond}
+    variables = [(variable_words(first), _alike_words([one for one in said.new(first, others) if one not in itself]))
+                 for first, *others in beyond]
     if not variables:
         return _ways(with_words(()), *map(with_words, cause.or_with)), ''
     *others, (last, alike) = variables

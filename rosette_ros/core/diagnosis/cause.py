@@ -23,9 +23,10 @@ class Cause:
     """What moves with what, as far as the run tells: of members of the best hypothesis, or of one member of any.
 
     places: these members; bodies: what moves, 'frame', 'plate growing', 'ball 7', 'reading 48' ..., then what moves in
-    other hypotheses, until it is sure, then what moves the balls alike here by the same course, `alike`; variables:
-    with what, for each variable the set of those that stand for it in this order, itself first, none for a constant
-    amount; or_with: where that is not sure, what they move with in other hypotheses, likeliest first, until it is;
+    other hypotheses, until it is sure, then what moves the balls alike here by the same course, `alike`, of each other
+    part of the cell one motion; variables: with what, for each variable the set of those that stand for it in this
+    order, itself or the plainest first, none for a constant amount; or_with: where that is not sure, what they move
+    with in other hypotheses, likeliest first, until it is;
     probability: that one of these bodies moves with one of these variables, by any law; laws: sets of names that do it,
     likeliest first, empty without a name, each with the probability that it is this; law_certain: whether its
     variables leave no other than that of the best hypothesis.

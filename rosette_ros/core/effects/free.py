@@ -190,6 +190,11 @@ def moving_bodies(run: Run) -> dict[str, Floats]:
     return {name.partition(' along ')[0]: directions for name, directions in motions(run).items()}
 
 
+def part_of(body: str) -> str:
+    """Return the part of the cell that a body is, or moves: 'plate' of 'plate growing', 'CMM' of one of its scales."""
+    return 'CMM' if body.endswith(' of the CMM') else body.split(' ')[0]
+
+
 PLAIN = ('frame along z', 'frame along x and y', 'plate growing', 'table or plate turning', 'table axis tilting',
          'first scale of the CMM', 'second scale of the CMM', 'squareness of the CMM')
 """Motions of courses of two variables."""
