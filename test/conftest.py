@@ -26,11 +26,12 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from rosette_ros.cell.supervisor import Cell, added_environment
+from rosette_ros.cli import main
 from rosette_ros.cli.demo_cell import is_free
-from rosette_ros.cli.main import FEWER_COLLECTIONS
 from rosette_ros.core.diagnosis import diagnosis
 from rosette_ros.core.joint import cell_diagnosis
 
+gc.disable()  # until all is loaded
 os.environ.update(added_environment(os.environ))
 Cell.process_of = ForkedNode  # the cells of the commands that tests run as processes start theirs as users do
 
@@ -59,12 +60,14 @@ def pytest_collection_modifyitems(items):
 
 def pytest_collection_finish():
     """Say what processes that fork load, after all modules of tests have said it; and let garbage be looked for among
-    what tests make alone, and less often: figures are made of many objects. At the end all is cleared up; libraries
-    tell of what is left."""
+    what tests make alone, and less often, also after a command that they run here: figures are made of many objects. At
+    the end all is cleared up; libraries tell of what is left."""
     preload()
     gc.freeze()
+    gc.enable()
     atexit.register(gc.unfreeze)
-    gc.set_threshold(100 * FEWER_COLLECTIONS)
+    main.FEWER_COLLECTIONS *= 100
+    gc.set_threshold(main.FEWER_COLLECTIONS)
 
 
 @pytest.hookimpl(wrapper=True)
