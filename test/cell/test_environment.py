@@ -162,6 +162,17 @@ BROKEN = {'{}/none.xml': 'expected a file that can be read, found No such file o
           '{}/behind.xml': 'not whole', SETTINGS[:60]: 'not whole', f'{SETTINGS}rubbish': 'rubbish: expected a file',
           'http://example.org/a.xml': 'http://example.org/a.xml: expected a file that can be read'}
 
+JOINING = '''
+import os, sys
+from cyclonedds.domain import DomainParticipant
+for settings in sys.argv[2:]:
+    if not (child := os.fork()):
+        os.environ['CYCLONEDDS_URI'] = settings
+        DomainParticipant(int(sys.argv[1]))
+        os._exit(0)
+    print('joined' if os.waitpid(child, 0)[1] == 0 else 'refused', flush=True)
+'''
+
 
 @pytest.fixture
 def settings_of_cyclone(tmp_path):
@@ -184,13 +195,13 @@ def test_settings_of_cyclone_dds_are_whole(tmp_path, settings_of_cyclone, given)
 
 
 def test_cyclone_dds_judges_its_settings_alike(settings_of_cyclone, domain_id):
-    """By the library itself, a process for each."""
+    """By the library itself, a process for each, forked once it is loaded."""
     pytest.importorskip('cyclonedds')
-    program = f'from cyclonedds.domain import DomainParticipant as D; D({domain_id}); print("joined")'
-    for given in (*WHOLE, *BROKEN):
-        done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, timeout=300, check=False,
-                              env={**os.environ, 'CYCLONEDDS_URI': settings_of_cyclone(given)})
-        assert ('joined' in done.stdout) is (given in WHOLE), (given, done.stderr)
+    every = (*WHOLE, *BROKEN)
+    done = subprocess.run([sys.executable, '-c', JOINING, str(domain_id), *map(settings_of_cyclone, every)],
+                          capture_output=True, text=True, timeout=300, check=True)
+    joined = [word == 'joined' for word in done.stdout.split()]
+    assert joined == [given in WHOLE for given in every], done.stderr
 
 
 @pytest.mark.parametrize(('text', 'words'), [
