@@ -2,6 +2,7 @@
 """The packaging: what is pinned, what is declared, and that commands and launch files fit together."""
 
 import ast
+import functools
 import os
 import re
 import shutil
@@ -75,6 +76,7 @@ def declared(root, *tags):
     return {element.text for tag in tags for element in root.iter(tag)}
 
 
+@functools.cache
 def imported(*folders):
     """Return the top-level modules that the Python files below some folders import, without Python's own."""
     names = set()
