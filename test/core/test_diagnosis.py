@@ -189,10 +189,10 @@ def test_the_same_run_has_the_same_answer_whatever_was_asked_before():
 
 
 def warm_drift(seed, size):
-    """Return a run of 9 balls forwards and backwards with a drift and what follows a temperature that rises and falls.
+    """Return a run of 7 balls forwards and backwards with a drift and what follows a temperature that rises and falls.
 
     size: of the drift, m over the run; the temperature moves the frame by 1.9 times as much per K."""
-    run = synthetic_run(9, 'there_and_back', seed, noise=SIGMA, repeatability=SIGMA)[0]
+    run = synthetic_run(7, 'there_and_back', seed, noise=SIGMA, repeatability=SIGMA)[0]
     share = run.time / run.time[-1]
     temperature = 20 + 0.4 * np.sin(2 * np.pi * (1.1 * share + 0.15))
     drift, warm = (one / np.linalg.norm(one) for one in np.random.default_rng(seed).standard_normal((2, 3)))
@@ -254,8 +254,9 @@ def test_comparison_says_where_it_fails():
         assert re.search(said, comparison_words(comparison))
 
 
-@pytest.mark.parametrize('name, draws, tolerance', [('', 150, 0.04), ('frame_drift', 150, 0.05),
-                                                    ('frame_warmup', 60, 0.25)])
+@pytest.mark.parametrize('name, draws, tolerance', [
+    pytest.param('', 150, 0.04, marks=pytest.mark.long), ('frame_drift', 150, 0.05),
+    pytest.param('frame_warmup', 60, 0.25, marks=pytest.mark.long)])
 def test_monte_carlo_confirms_the_uncertainties(name, draws, tolerance):
     """Drawing the noise anew spreads curves and parameters as the fit states (GUM Supplement 1)."""
     warming = [{'kind': 'frame_warmup', 'amplitude_um': [2.0, 0, 1.0], 'time_constant_h': 0.3, 'from_h': 0.25}]
@@ -289,7 +290,7 @@ def test_expanded_uncertainty_covers_amplitudes():
 @pytest.mark.parametrize('seed', [3, pytest.param(4, marks=pytest.mark.long)])
 def test_a_pulse_is_one_pulse(seed):
     """Its moments are searched on a coarse grid: a wrong reading stood beside it, and two steps in its place."""
-    run = synthetic_run(12, 'there_and_back', seed, noise=SIGMA, repeatability=SIGMA)[0]
+    run = synthetic_run(8, 'there_and_back', seed, noise=SIGMA, repeatability=SIGMA)[0]
     inside = (run.time > 0.105 * run.time[-1]) & (run.time < 0.3427 * run.time[-1])
     moved = 1e-6 * inside[:, None] * np.array([-0.7, -0.56, -0.42])
     assert find(run.replace(centre=run.centre + moved)).missing == ('frame_pulse',)
