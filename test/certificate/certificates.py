@@ -87,7 +87,7 @@ def made(kind):
         paths = (table(kind, change=lambda run: run.replace(temperature=np.full(run.size, degrees))),)
         inputs = Inputs(dated, '2026-11-30')
     elif kind == 'budget':
-        paths = (table('eight', n=8, hidden=HIDDEN),)
+        paths = (table('two', hidden=HIDDEN),)
         inputs = Inputs(dated, '2026-11-30', budget=read_stated(own_budget()))
     else:
         text = FULL if kind == 'clean' else BARE

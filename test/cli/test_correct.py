@@ -152,11 +152,12 @@ def test_both_senses_of_turning_get_their_own_curves(rosette, tmp_path):
 
 def in_sense(path, sense, **settings):
     """Measure a table with backlash forward (1), backward (-1) or in both senses (0); return the path of the table."""
-    machine = Machine(machine_config({**MACHINE, 'hidden': [{'kind': 'table_backlash', 'width_urad': 6.0}],
-                                      'table': {**MACHINE['table'], **settings}}))
-    forward = plan(8, 'diagonal')
+    machine = Machine(machine_config({
+        **MACHINE, 'plate': {'balls': 6}, 'table': {**MACHINE['table'], **settings},
+        'hidden': [{'kind': 'table_backlash', 'width_urad': 6.0}]}))
+    forward = plan(6, 'diagonal')
     machine.run(forward)
-    scheme = plan(8, 'there_and_back') if sense == 0 else replace(forward, approach=sense * forward.approach)
+    scheme = plan(6, 'there_and_back') if sense == 0 else replace(forward, approach=sense * forward.approach)
     write_csv(machine.run(scheme, run_id=path.stem), path)
     return path
 

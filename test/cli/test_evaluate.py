@@ -10,7 +10,6 @@ import pytest
 from rosette_ros.analysis import MOST_BALLS_JUDGED
 
 CURVES = ('ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad')
-ORDERS = ('row', 'diagonal', 'column', 'random')
 
 
 def paper(path, n):
@@ -57,7 +56,7 @@ def paper(path, n):
     return dict(zip(CURVES, (ctx, cty, ctz, crx, cry, crz), strict=True))
 
 
-@pytest.mark.parametrize(('n', 'order'), [*((6, order) for order in ORDERS), (7, 'random'), (12, 'diagonal')])
+@pytest.mark.parametrize(('n', 'order'), [(6, 'row'), (6, 'diagonal'), (7, 'random')])
 def test_curves_agree_with_the_paper(rosette, make_table, n, order):
     """Within 1e-13 m and 1e-13 rad, at deviations of 50 µm."""
     path = make_table(n, order, seed=n)

@@ -54,7 +54,7 @@ def test_remove_gives_the_file_back_as_it_was(rosette, model):
 
 def test_what_explains_more_and_what_is_no_longer_needed_is_said(rosette, model, tmp_path):
     """After `add`: the weaker of two effects helps; one that imitated another is superfluous once that is there."""
-    run = simulated_table('drift_and_warp', 8, 'sensitive')
+    run = simulated_table('drift_and_warp', 6, 'sensitive')
     said = ' '.join(rosette('add', 'plate_warp', '--model', model, '--run', run).out.split())
     assert re.search(r'Warping of the plate (helps: .* But|does not lower .* while) linear probe drift '
                      r'\(frame_drift\) (explains \d\S* times more|is missing: add that first)\.', said)
@@ -71,7 +71,7 @@ def test_what_explains_more_and_what_is_no_longer_needed_is_said(rosette, model,
 
 def test_the_right_effect_helps(rosette, model):
     """Before and after: residual, χ², cross-validation, curves, uncertainties, parameters."""
-    run = simulated_table('drift_and_warp', 8, 'sensitive')
+    run = simulated_table('drift_and_warp', 6, 'sensitive')
     answer = rosette('add', 'frame_drift', '--model', model, '--run', run)
     flat = ' '.join(answer.out.split())
     assert 'Linear probe drift helps: the cross-validation residual falls from' in flat
