@@ -30,6 +30,8 @@ from rosette_ros.core.run.touches import USUAL_PACE
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.settling_words import hopeless_words, next_words, open_words
 
+pytestmark = pytest.mark.usefixtures('shared_searches')
+
 SIGMA = 1e-7
 DRIFT, WARM_UP = 'frame_drift', 'frame_warmup'
 
