@@ -5,7 +5,7 @@ from collections.abc import Collection, Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import binomtest
+import scipy  # which loads its parts where they are used
 
 from benchmarks.blind.answers import Record
 from benchmarks.blind.noise_kinds import KINDS
@@ -38,7 +38,7 @@ def interval(count: int, runs: int) -> str:
     """Return the exact (Clopper-Pearson) 95 % interval of a probability of which `count` of `runs` were seen."""
     if not runs:
         return ''
-    found = binomtest(count, runs).proportion_ci(0.95, 'exact')
+    found = scipy.stats.binomtest(count, runs).proportion_ci(0.95, 'exact')
     return f'{100 * found.low:.1f}–{100 * found.high:.1f} %'
 
 

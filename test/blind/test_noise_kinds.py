@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy  # which loads its parts where they are used
 
 from benchmarks.blind.noise_kinds import KINDS, Readings, draw_noise
 from benchmarks.blind.runs import CHECK, SIGMA, Plan, noisy
@@ -28,7 +28,7 @@ def test_axes_scatter_as_stated(kind, factors):
     offset = drawn(kind)
     assert offset.std(axis=0) == pytest.approx(factors, rel=0.02)
     assert np.abs(np.corrcoef(offset.T) - np.eye(3)).max() < 0.03
-    assert np.abs(stats.kurtosis(offset, axis=0)).max() < 0.1
+    assert np.abs(scipy.stats.kurtosis(offset, axis=0)).max() < 0.1
 
 
 @pytest.mark.parametrize(('kind', 'dof', 'is_shared'), [
@@ -36,19 +36,19 @@ def test_axes_scatter_as_stated(kind, factors):
 def test_student_has_its_tails_and_unit_variance(kind, dof, is_shared):
     """The distribution is Student's t scaled to variance 1; coordinates of a reading share their size or do not."""
     offset = drawn(kind)
-    unit = stats.t(dof, scale=np.sqrt((dof - 2) / dof))
-    assert stats.kstest(offset[:, 1], unit.cdf).pvalue > 0.01
-    assert stats.kstest(offset[:, 1], stats.norm.cdf).pvalue < 1e-6
-    size = stats.rankdata(np.abs(offset), axis=0)
+    unit = scipy.stats.t(dof, scale=np.sqrt((dof - 2) / dof))
+    assert scipy.stats.kstest(offset[:, 1], unit.cdf).pvalue > 0.01
+    assert scipy.stats.kstest(offset[:, 1], scipy.stats.norm.cdf).pvalue < 1e-6
+    size = scipy.stats.rankdata(np.abs(offset), axis=0)
     shared = np.corrcoef(size.T)[0, 1]
     assert (shared > 0.1) if is_shared else abs(shared) < 0.03
 
 
 def test_laplace_and_contaminated_have_their_kurtosis():
     """Laplace: excess 3, variance 1; 5 % of threefold size: 3 (0.95 + 0.05 · 81) / 1.4² − 3."""
-    assert stats.kurtosis(drawn('laplace'), axis=None) == pytest.approx(3, abs=0.3)
+    assert scipy.stats.kurtosis(drawn('laplace'), axis=None) == pytest.approx(3, abs=0.3)
     assert drawn('laplace').var() == pytest.approx(1, abs=0.03)
-    assert stats.kurtosis(drawn('contaminated'), axis=None) == pytest.approx(3 * 5.0 / 1.96 - 3, abs=0.6)
+    assert scipy.stats.kurtosis(drawn('contaminated'), axis=None) == pytest.approx(3 * 5.0 / 1.96 - 3, abs=0.6)
 
 
 @pytest.mark.parametrize('count', [1, 2, 3])

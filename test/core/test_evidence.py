@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, State, allowed, log_mean
 from rosette_ros.core.diagnosis.noise_kinds import Beside, NoiseKinds
@@ -136,7 +136,7 @@ def test_the_likelihood_of_a_noise_is_that_of_its_covariance(noise):
         part = basis @ half.T @ half @ basis.T
         z = basis @ y.reshape(-1)
         scale = z @ np.linalg.solve(part, z) / beside.dof
-        values.append(multivariate_normal(np.zeros(beside.dof), scale * part).logpdf(z))
+        values.append(scipy.stats.multivariate_normal(np.zeros(beside.dof), scale * part).logpdf(z))
     assert found[noise].joined[0] - found['white'].joined[0] == pytest.approx(values[1] - values[0], abs=1e-6)
 
 

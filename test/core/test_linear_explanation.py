@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+import scipy  # which loads its parts where they are used
 
 from rosette_ros.core.sight.linear_explanation import Solution, log_bayes_factor
 
@@ -15,7 +15,7 @@ def test_the_log_bayes_factor_is_that_of_normal_readings():
         rows, y = rng.uniform(0.5, 3, (q, 1)) * rng.standard_normal((q, m)), rng.standard_normal(m)
         solution, told = Solution(rows @ rows.T), rows @ y
         wide = np.eye(m) + rows.T @ rows
-        known = [multivariate_normal(cov=one).logpdf(y) for one in (wide, np.eye(m))]
+        known = [scipy.stats.multivariate_normal(cov=one).logpdf(y) for one in (wide, np.eye(m))]
         assert solution.log_bayes_factor(told) == pytest.approx(known[0] - known[1])
         log_sigma = np.linspace(-6, 8, 4001)
         each = [np.exp(-m * log_sigma - np.linalg.slogdet(one)[1] / 2
