@@ -77,7 +77,8 @@ def made(kind):
         paths = table('first', 'diagonal', 1), table('second', 'there_and_back', 1)
         inputs = Inputs(dated, '2026-11-30', is_joint=True)
     elif kind == 'rounded':
-        paths, inputs = (GOLDEN / 'tables' / 'table_clean_n12_diagonal_1um.csv',), Inputs(dated, '2026-11-30')
+        paths = (table(kind, change=lambda run: run.replace(centre=np.round(run.centre, 6), repeatability=1e-7)),)
+        inputs = Inputs(dated, '2026-11-30')
     elif kind == 'no_fit':
         paths = tuple(table(f'strict_{order}', order, change=lambda run: run.replace(repeatability=3e-8))
                       for order in ('diagonal', 'there_and_back'))

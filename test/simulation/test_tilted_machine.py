@@ -54,7 +54,7 @@ HIDDEN = {
 @pytest.mark.parametrize(('name', 'hidden'), [('oblique', 'cmm_reversal'), ('x', 'ball_sag')])
 def test_what_is_hidden_is_named(name, hidden):
     """Ball 1 is at 30 degrees, so that the axes of table and CMM differ."""
-    run = machine(AXES[name], 3, 8, 30.0, hidden=[HIDDEN[hidden]]).run(plan(8, 'sensitive'))
+    run = machine(AXES[name], 3, N, 30.0, hidden=[HIDDEN[hidden]]).run(plan(N, 'sensitive'))
     found = diagnose(run)
     assert found.missing == (hidden,)
     assert not found.unexplained
