@@ -28,13 +28,14 @@ from rosette_ros.words.effect_words import (
 )
 
 VARIABLES = {
-    'time': 'time', 'touches': 'the number of readings', 'temperature': 'the temperature',
+    'time': 'time', 'temperature': 'the temperature',
     'travel': 'the table travel', 'table angle': 'the table angle', 'CMM position': 'the CMM position',
     'ball': 'the ball', 'table sense': 'the sense of rotation', 'move size': 'the size of the last table move',
     'time since move': 'the time since the last table move', 'pause': 'the pause before the reading',
     'cmm memory': 'the history of CMM moves', 'table memory': 'the history of table moves',
     'cmm direction': 'the direction of the CMM move', 'cmm distance': 'the length of the CMM move',
-    'cmm sense': 'the sense of the CMM move', 'encoder': 'the line of the encoder', 'reading': 'one reading'}
+    'cmm sense': 'the sense of the CMM move', 'encoder': 'the line of the encoder', 'reading': 'one reading',
+    'touches': 'the number of readings'}
 """What a run records of its readings, in words; what runs like another one is said in this order."""
 VERBS = {
     'frame': 'the probe moves', 'plate': 'the plate moves', 'plate growing': 'the plate grows or shrinks',

@@ -152,8 +152,9 @@ class _Group:
             left = {bodies: p for bodies, p in left.items() if out[-1] not in bodies}
         return out
 
-    def cause(self, total: float) -> Cause:
-        """Return the Cause; total: probability of all hypotheses that were counted."""
+    def cause(self, total: float, plainest: Sequence[str]) -> Cause:
+        """Return the Cause; total: probability of all hypotheses that were counted; plainest: variables that are
+        recorded, in the order in which they are said."""
         laws, or_with, elsewhere = self.laws.copy(), list[tuple[str, ...]](), list[str]()
         apart = sorted(((sum(some.values()), sorted(bodies), variables)
                         for (bodies, variables), some in self.apart.items()), key=lambda one: -one[0])
@@ -170,10 +171,13 @@ class _Group:
 
         # of several variables those that nearly every explanation has, at least the likeliest
         own = {one: self.seen.get(one, 0.0) for one in frozenset().union(*(some.own for some in self.said))}
-        ranked = sorted(own, key=lambda one: (-own[one], one))
-        kept = [one for one in ranked if own[one] >= (1 - LISTED) * max(self.seen.values())] or ranked[:1]
-        standing = [frozenset().union(*(some.standing(one) for some in self.said)) - {one} for one in kept]
-        sets = {frozenset((one, *some)): (one, *sorted(some)) for one, some in reversed(list(zip(kept, standing)))}
+        least = min((1 - LISTED) * max(self.seen.values(), default=0.0), max(own.values(), default=0.0))
+        sets: dict[str, set[str]] = {}
+        for one in [*plainest, *sorted(own.keys() - {*plainest})]:
+            if own.get(one, -1.0) >= least:
+                standing = {one}.union(*(some.standing(one) for some in self.said))
+                same = next((first for first, some in sets.items() if one in some or first in standing), one)
+                sets.setdefault(same, set()).update(standing)
 
         moving = dict.fromkeys([*self._bodies(), *elsewhere])
         parts, alike = {part_of(body) for body in moving}, list[str]()
@@ -183,8 +187,9 @@ class _Group:
                 alike.append(body)
         likeliest = tuple((law, p / total) for law, p in sorted(laws.items(), key=lambda pair: -pair[1]))
         probability = min(sum(laws.values()) / total, 1.0)  # a sum of all may be rounded up
-        return Cause(self.places, (*moving, *alike), tuple(reversed(sets.values())), probability, likeliest,
-                     or_with=tuple(or_with), alike=frozenset(alike))
+        driving = tuple((first, *sorted(some - {first})) for first, some in sets.items())
+        return Cause(self.places, (*moving, *alike), driving, probability, likeliest, or_with=tuple(or_with),
+                     alike=frozenset(alike))
 
 
 def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tuple[Cause, ...]:
@@ -213,7 +218,7 @@ def causes_of(posterior: Posterior, run: Run, said: Mapping[Place, Cause]) -> tu
             else:
                 group.count_apart(others, p)
     total = sum(posterior.p[key] for key in posterior.near)
-    return tuple(group.cause(total) for group in groups)
+    return tuple(group.cause(total, [*slow_functions(run)]) for group in groups)
 
 
 def _assigned(every: Sequence[Cause], groups: Sequence[_Group]) -> list[list[Cause]]:
