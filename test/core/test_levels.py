@@ -100,6 +100,26 @@ def test_two_laws_that_another_one_replaces_are_one_cause():
         ('frame_drift',), ('frame_warmup',), ('plate_warp',)]
 
 
+def test_variables_of_several_laws_that_run_alike_are_one_set():
+    """A drift in time and a growth with the table travel, in place of which a curved drift may be: in a run that turns
+    on steadily they go with time, or with what runs like it, not with a product. A warping plate goes with a product.
+    """
+    run = planned_run(plan(6, 'diagonal', 1), 0.18)
+    drift, grown, curved, warp = (place_of(run, name) for name in (
+        'frame_drift', 'table_warmup', 'frame_drift_curved', 'plate_warp'))
+    grown = grown[0], next(one for one in grown[0].settings if one.get('angle') == 'turned')
+    assert (motion_of(run, drift).own, motion_of(run, grown).own) == ({'time'}, {'travel'})
+    both, other = (('frame_drift', 'table_warmup'), ()), (('frame_drift_curved',), ())
+    looked = {both: (5.0, (drift, grown)), other: (4.5, (curved,)), ((), ()): (0.0, ())}
+    cause, = causes_of(Posterior(looked), run, {place: motion_of(run, place) for place in (drift, grown)})
+    (first, *others), = cause.variables
+    assert first == 'time' and 'travel' in others
+    looked = {(('plate_warp',), ()): (5.0, (warp,)), ((), ()): (0.0, ())}
+    run = planned_run(plan(8, 'interleaved', 1), 0.1825)
+    cause, = causes_of(Posterior(looked), run, {warp: motion_of(run, warp)})
+    assert [some[0] for some in cause.variables] == ['time', 'ball']
+
+
 def test_a_course_that_repeats_with_the_balls_may_be_of_the_ball():
     """Order diagonal measures the balls in turn: a cycle of as many readings is a function of the ball, and one of
     another period is not."""
@@ -171,7 +191,7 @@ def test_a_ball_that_surely_moves_is_said_though_not_with_what():
     missing, = found.verdict.missing
     assert missing.depth == 1 and found.verdict.outcome == Outcome.NAMED
     words = moves_words(missing)
-    assert words == 'ball 3 moves with time (number of readings, temperature and 2 more run alike)'
+    assert words == 'ball 3 moves with time (temperature, table travel and 2 more run alike)'
 
 
 def test_two_laws_of_one_motion_are_not_certain():

@@ -43,7 +43,7 @@ PRIVATE = ('nearly the same', 'only weakly', 'confounded with', 'searched values
            'where σ is', ' : {100 -', 'Physical names mean')
 """Of these each interface, and the documentation, says what a metrologist says instead."""
 ALIKE = (('time', 'temperature', 'touches', 'travel'),)
-RUN = 'number of readings, temperature and one more run alike'
+RUN = 'temperature, table travel and one more run alike'
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
 
 
@@ -81,7 +81,7 @@ def test_what_this_run_cannot_distinguish_is_said_once():
     one = replace(unnamed('table axis tilting', ['time'], ['table sense'], ['encoder'], ['move size'], ['travel']))
     one = replace(one, cause=replace(one.cause, variables=(('time', 'travel', 'touches'),)))
     assert unnamed_words(one) == (
-        'the table axis tilts with time (number of readings and table travel run alike), or with the sense of '
+        'the table axis tilts with time (table travel and number of readings run alike), or with the sense of '
         'rotation, or with the line of the encoder, or with one of 2 more (97 %); its law is not in the library')
     text = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,)))
     assert text.action == ('Check the cell for what changes with time, the table travel, the number of readings or one '
@@ -101,8 +101,8 @@ def test_several_motions_say_once_what_they_share():
                    cause=Cause((), ('table or plate turning', bodies[-1]), (('temperature', 'time'),), alike=same))
     sentence = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(probe, again, turn))).sentence
     assert len(sentence) < 400 and sentence == (
-        'The probe moves (the same here: plate, plate tilting or one of 2 more) in x and y with time (number of '
-        'readings, temperature and 3 more run alike; 98 %), and in z with the sense of rotation (size of the last '
+        'The probe moves (the same here: plate, plate tilting or one of 2 more) in x and y with time (temperature, '
+        'table travel and 3 more run alike; 98 %), and in z with the sense of rotation (size of the last '
         'table move runs alike) and time (94 %); the table or the plate turns (the same here: CMM scales and '
         'squareness) with the temperature (91 %); their laws are not in the library.')
 
