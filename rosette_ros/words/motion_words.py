@@ -276,11 +276,13 @@ def _together(some: Sequence[MissingEffect], said: Said) -> _Statement:
         return _statement(first, said)
     numbers = {part.name: first.setting[part.name] for part in effect.course.searched if part.name in first.setting}
     setting = setting_words(first.name, numbers, time=first.time_unit)
-    every = [one._replace(way='').words for one in (_moving(one, said) for one in some) if one]
+    every = [one for one in (_moving(one, said) for one in some) if one]
+    moving = names([one._replace(way='', alike='').words for one in every])
     there = min(one.probability for one in some)
     known = min(max((p for law, p in one.cause.laws if law), default=0.0) for one in some if one.cause)
-    return _Statement(f'{names(every)} {_driven_words(first.cause)} ({chance(there)}), most likely by one cause, '
-                      f'{HOW[type(effect.course)]} ({setting}) ({chance(known)})')
+    way = f'{_driven_words(first.cause)} {_bracket(every[0].alike, chance(there))}'
+    return _Statement(f'{moving} {way}, most likely by one cause, {HOW[type(effect.course)]} ({setting}) '
+                      f'({chance(known)})')
 
 
 def _driven(cause: Cause, own: Sequence[str], said: Said) -> tuple[str, str]:

@@ -27,6 +27,9 @@ def test_cycles_of_one_period_have_a_common_cause():
     assert going_together([PROBE, TABLE]) == ((PROBE, TABLE),)
     words = causes_words([PROBE, TABLE], Said())
     assert '(95 %), most likely by one cause' in words and words.endswith('(80 %)')
+    unsure = [replace(one, cause=replace(one.cause, variables=(('time', 'travel'),), laws=(((one.name,), 0.8),)))
+              for one in (PROBE, TABLE)]
+    assert ' the table axis tilts with time (table travel runs alike; 95 %), ' in causes_words(unsure, Said())
 
 
 @pytest.mark.parametrize('other', [
