@@ -97,7 +97,7 @@ class Claims:
         members = self.chosen.members
         rest = self.chosen.without(next(k for k, one in enumerate(members) if one.place == place))
         worth = {one.name: one.log_bf for one in rest.offers()}
-        own = worth.pop(place[0].name)
+        own = worth.pop(place[0].name, 0.0)  # at no setting of its grid it may be seen
         return are_alike(own, max(worth.values(), default=0.0))
 
     def _found_of(self, member: Member) -> Cause:
