@@ -14,7 +14,7 @@ from rosette_ros.core.diagnosis.levels import causes_of, motion_of
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.diagnosis.verdict import Level, Outcome, decide, facts_of
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.free import variables
+from rosette_ros.core.effects.free import PARTS, moving_bodies, variables
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.core.sight.bank import families_of
@@ -134,7 +134,8 @@ def test_a_course_that_repeats_with_the_balls_may_be_of_the_ball():
 
 def test_what_moves_the_balls_alike_is_told_together():
     """A plate that grows and scales of the CMM that shrink alike: no run tells them apart; a drift of the probe is
-    neither."""
+    neither. Of each part of the cell one motion is said, and each has a part."""
+    assert moving_bodies(planned_run(plan(6, 'random', 1), 0.18)).keys() == PARTS.keys()
     cause, = found_in('random', 'growth').causes
     assert cause.bodies == ('plate growing', 'scales and squareness of the CMM') and cause.probability > 0.97
 

@@ -10,7 +10,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.cause import Cause
 from rosette_ros.core.diagnosis.log_evidence import Place
 from rosette_ros.core.diagnosis.posterior import Posterior
-from rosette_ros.core.effects.free import FREE, PLACES, part_of, variables
+from rosette_ros.core.effects.free import FREE, PARTS, PLACES, variables
 from rosette_ros.core.run.records import Floats, Run
 from rosette_ros.core.sight.limits import ALIKE, LISTED
 
@@ -180,10 +180,10 @@ class _Group:
                 sets.setdefault(same, set()).update(standing)
 
         moving = dict.fromkeys([*self._bodies(), *elsewhere])
-        parts, alike = {part_of(body) for body in moving}, list[str]()
+        parts, alike = {PARTS.get(body) for body in moving}, list[str]()
         for body in sorted(frozenset().union(*(one.alike for one in self.said))):
-            if part_of(body) not in parts:
-                parts.add(part_of(body))
+            if PARTS[body] not in parts:
+                parts.add(PARTS[body])
                 alike.append(body)
         likeliest = tuple((law, p / total) for law, p in sorted(laws.items(), key=lambda pair: -pair[1]))
         probability = min(sum(laws.values()) / total, 1.0)  # a sum of all may be rounded up

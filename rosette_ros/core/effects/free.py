@@ -190,11 +190,11 @@ def moving_bodies(run: Run) -> dict[str, Floats]:
     return {name.partition(' along ')[0]: directions for name, directions in motions(run).items()}
 
 
-def part_of(body: str) -> str:
-    """Return the part of the cell that a body is, or moves: 'plate' of 'plate growing', 'CMM' of one of its scales."""
-    return 'CMM' if body.endswith(' of the CMM') else body.split(' ')[0]
-
-
+PARTS = {
+    'frame': 'frame', 'plate': 'plate', 'plate growing': 'plate', 'plate tilting': 'plate', 'plate distorting': 'plate',
+    'table or plate turning': 'table', 'table axis tilting': 'table', 'first scale of the CMM': 'CMM',
+    'second scale of the CMM': 'CMM', 'squareness of the CMM': 'CMM', 'scales and squareness of the CMM': 'CMM'}
+"""The part of the cell of which a body is a motion."""
 PLAIN = ('frame along z', 'frame along x and y', 'plate growing', 'table or plate turning', 'table axis tilting',
          'first scale of the CMM', 'second scale of the CMM', 'squareness of the CMM')
 """Motions of courses of two variables."""
