@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -26,8 +27,9 @@ class Claims:
 
     @cached_property
     def chosen(self) -> State:
-        """The best hypothesis: where what moves most likely has no name, this as a motion without a name."""
-        state = self._search.chosen
+        """The best hypothesis: in place of laws that may be parts of one that the grammar lacks, or where the likeliest
+        is that what moves has none, this without a name."""
+        state = opened(self._search.chosen)
         while True:
             for cause in self._causes_of(state):
                 if cause.names and not cause.laws[0][0] and (free := _without_names(state, cause.places)):
@@ -209,6 +211,27 @@ class Claims:
         """Return what a state leaves of the readings, (N, 3), without the weights of a tail."""
         left, base = state.residual.reshape(-1, 3), self._search.base
         return np.asarray(base.joint.whitening.inverse(left[None])[0]) if base.noise.tail else left.copy()
+
+
+def opened(state: State) -> State:
+    """Return a hypothesis of which two laws of one body and variable are a course without a name, where this cannot be
+    told apart from them.
+
+    Two laws that are parts of another one have much the same likelihood as any course of the same body with the same
+    variable; two that are there have not, as a course that would do for both would do for much else."""
+    for one, other in combinations(state.members, 2):
+        causes = [motion_of(state.evidence.run, some.place) for some in (one, other)]
+        if any(some.family.is_free for some in (one, other)) or causes[0].own != causes[1].own or not (
+                causes[0].agrees(causes[1])):
+            continue
+        free = _without_names(state, (one.place, other.place))
+        if free is None:
+            continue
+        *rest, best = free.members
+        before = State(state.evidence, rest, is_sized=True)
+        if are_alike(state.likelihood - before.likelihood, float(before.line(best.rows).max()), effects=2):
+            return opened(free)
+    return state
 
 
 def _without_names(state: State, places: Sequence[Place]) -> State | None:

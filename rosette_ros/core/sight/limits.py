@@ -20,8 +20,9 @@ What the other leaves of one of the size d, which is found, moves the log Bayes 
 d^2 (1 - share) / 2; below ln(1 / LISTED) the other one remains listed."""
 
 
-def are_alike(worth: float, other: float) -> bool:
-    """Return whether an explanation cannot be told apart from another one, by their log Bayes factors against nothing.
+def are_alike(worth: float, other: float, effects: int = 1) -> bool:
+    """Return whether effects cannot be told apart from something else, by their log Bayes factors against nothing.
 
-    What is stronger than what is just found counts as this: no law of a list is exact, and it shows the difference."""
-    return worth - other < max(math.log(1 / LISTED), (1 - ALIKE) * worth)
+    What is stronger than so many effects that are just found counts as these: no law of a list is exact, and it shows
+    the difference."""
+    return worth - other < math.log(1 / LISTED) * max(1.0, worth / (effects * DETECTABLE**2 / 2))
