@@ -81,6 +81,9 @@ def test_readings_come_before_the_drift_check_and_are_numbered_on():
     assert [grown.target(index).seq for index in range(grown.total)] == list(range(1, grown.total + 1))
     assert set(grown.touches.tolist()) == {8} and set(grown.session.tolist()) == {1}
     assert grown.target(grown.total - 1).phase == Phase.DRIFT_CHECK
+    run = made.phase == Phase.RUN
+    later = replace(made, session=np.where(run & (np.cumsum(run) > 4), 2, 1)).followed_by(BLOCK_1)
+    assert later.session[later.run_end - 2:later.run_end].tolist() == [2, 2]
 
 
 def test_settings_hold_what_was_added():

@@ -64,6 +64,14 @@ def test_every_pair_once(n):
     assert np.array_equal(np.sort(cells), np.arange(n * n))
 
 
+@pytest.mark.parametrize('n', [11, 16, 36])
+def test_the_gap_between_two_sweeps_is_the_one_that_was_designed(n):
+    """From the last reading of one sweep to the first of the next, in the sense of this one."""
+    sweeps = Sweeps.from_text(*SWEEPS[n])
+    places = sweeps.readings()[0].reshape(n, n)
+    assert np.array_equal((places[1:, 0] - places[:-1, -1]) % n, (sweeps.gap * sweeps.sense)[1:] % n)
+
+
 @pytest.mark.parametrize('n', [5, 12, 40, 90])
 def test_it_is_always_the_same(n):
     """Neither seed nor turning changes the order."""

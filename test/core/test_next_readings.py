@@ -44,6 +44,15 @@ def moved(course, size, n=6, order='sensitive'):
     return run.replace(centre=run.centre + size * SIGMA * way / np.linalg.norm(way))
 
 
+def test_the_temperature_goes_on_and_comes_to_rest():
+    """A run that warms by 1 K is expected to warm further, ever more slowly."""
+    run = moved(lambda part: part, 12)
+    run = run.replace(temperature=20 + run.time / run.time[-1])
+    longer = continued(run, next(iter(ways(run))).every(run), USUAL_PACE)
+    rise = np.diff(longer.temperature[run.size - 1:]) / np.diff(longer.time[run.size - 1:])
+    assert (rise > 0).all() and (np.diff(rise) < 0).all() and longer.temperature[-1] < 22
+
+
 def warming(size=12, tau=0.4):
     """Return a run in which warm-up and drift along a curve look alike."""
     return moved(lambda part: -np.expm1(-part / tau), size)

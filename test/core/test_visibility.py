@@ -16,7 +16,7 @@ from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.planning.advice import advise, planned_run
 from rosette_ros.core.run.scheme import places_in_use, plan
-from rosette_ros.core.sight.limits import DETECTABLE
+from rosette_ros.core.sight.limits import DETECTABLE, are_alike
 from rosette_ros.core.sight.visibility import visibility
 from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.motion_words import titles
@@ -140,6 +140,14 @@ def test_an_advice_is_the_same_on_every_processor():
     said = {subprocess.run([sys.executable, '-c', code], env={**os.environ, 'OPENBLAS_CORETYPE': kernel}, check=True,
                            capture_output=True).stdout for kernel in ('Nehalem', 'Sandybridge')}
     assert len(said) == 1
+
+
+def test_evidence_counts_as_that_of_effects_that_are_just_found():
+    """6 sigma are worth 18; ln 20 of that, 2.996, is wanted, or the same part of more; of two effects, of 36."""
+    assert are_alike(10, 7.1) and not are_alike(10, 6.9)
+    assert are_alike(18, 15.1) and not are_alike(18, 14.9)
+    assert are_alike(180, 150.1) and not are_alike(180, 149.9)
+    assert are_alike(36, 33.1, effects=2) and not are_alike(36, 32.9, effects=2)
 
 
 @pytest.mark.parametrize('order', ['diagonal', 'random'])
