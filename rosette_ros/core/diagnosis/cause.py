@@ -26,10 +26,10 @@ class Cause:
     other hypotheses, until it is sure, then what moves the balls alike here by the same course, `alike`, of each other
     part of the cell one motion; variables: with what, for each variable the set of those that stand for it in this
     order, itself or the plainest first, none for a constant amount; or_with: where that is not sure, what they move
-    with in other hypotheses, likeliest first, until it is;
-    probability: that one of these bodies moves with one of these variables, by any law; laws: sets of names that do it,
-    likeliest first, empty without a name, each with the probability that it is this; law_certain: whether its
-    variables leave no other than that of the best hypothesis.
+    with in other hypotheses, likeliest first, until it is; probability: that one of these bodies moves with one of
+    these variables, by any law; laws: sets of names that do it, likeliest first, empty without a name, each with the
+    probability that it is this; law_certain: whether its variables, and all else of the grammar, leave no other than
+    that of the best hypothesis.
     """
 
     places: 'tuple[Place, ...]' = field(compare=False)  # families belong to one search
