@@ -109,13 +109,11 @@ def _mixed(state: State, setting: Setting) -> tuple[Floats, Floats, int]:
 def _twin(rest: State, member: Member) -> Setting | None:
     """Return the free course of one variable and the body of an effect that explains most in its place."""
     effect, run = member.family.effect, rest.evidence.run
-    best, most = None, -np.inf
-    of_ball = f'ball {member.setting["ball"]:g}' if 'ball' in member.setting else ''
+    moved, best, most = effect.moved(member.setting), None, -np.inf
     for name, settings in FREE.families(run):
         for setting in settings:
-            *ball, variable = setting.word('of').split(TIMES)
-            if (variable in effect.variables and ball in ([], [of_ball])
-                    and setting.word('along').startswith(effect.body.split(' ')[0])):
+            driven = FREE.driven_by(setting)
+            if len(driven) == 1 and driven <= {*effect.variables} and not moved.isdisjoint(FREE.moved(setting)):
                 made = rest.evidence.member(CauseFamily(FREE, name, settings), setting)
                 if (worth := float(rest.line(made.rows).max())) > most:
                     best, most = setting, worth
