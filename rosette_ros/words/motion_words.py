@@ -11,7 +11,7 @@ from rosette_ros.core.diagnosis.common_cause import going_together
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.composed import GOING
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
-from rosette_ros.core.effects.free import OF
+from rosette_ros.core.effects.free import OF, TIMES
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.core.sight.limits import CLAIM, SURE
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
@@ -46,6 +46,15 @@ VERBS = {
     'squareness of the CMM': 'the squareness of the CMM changes',
     'scales and squareness of the CMM': 'scales and squareness of the CMM change'}
 """What bodies do."""
+NOUNS = {
+    'frame': 'shift of the probe', 'plate': 'shift of the plate', 'plate growing': 'growth of the plate',
+    'plate distorting': 'ovalling of the plate', 'table or plate turning': 'turn of the table or the plate',
+    'table axis tilting': 'tilt of the table axis', 'plate tilting': 'tilt of the plate',
+    'first scale of the CMM': 'change of the first CMM scale',
+    'second scale of the CMM': 'change of the second CMM scale',
+    'squareness of the CMM': 'change of the CMM squareness',
+    'scales and squareness of the CMM': 'change of CMM scales and squareness'}
+"""What that is, as a noun."""
 BODIES = {'frame': 'probe', 'first scale of the CMM': 'first CMM scale', 'second scale of the CMM': 'second CMM scale',
           'squareness of the CMM': 'CMM squareness', 'scales and squareness of the CMM': 'CMM scales and squareness'}
 """Bodies of another name where they stand beside one that is said."""
@@ -60,7 +69,8 @@ MOVES: dict[type[Motion], str] = {
     move.PlateOval: 'the plate becomes oval', move.PlateSaddle: 'the plate warps', move.PlateBending: 'the plate bends',
     move.BallInPlate: 'a ball moves', move.AlongTableFrame: 'the ball centre is off',
     move.BallForm: 'the balls are not round', move.CmmScales: 'the scales of the CMM grow',
-    move.CmmSquareness: 'the angle between x and y changes', move.CmmReversal: 'the CMM lags',
+    move.CmmSquareness: 'the angle between x and y changes', move.CmmDeformation: 'the CMM deforms',
+    move.CmmReversal: 'the CMM lags',
     move.CmmReversalByPosition: 'the CMM lags', move.ProbeDeflection: 'the ball centre is off'}
 """What each motion does, before 'by' and a size."""
 HOW = {type(going.course('m')): going.how for going in GOING}
@@ -130,14 +140,17 @@ def unnamed_words(*every: MissingEffect, said: Said | None = None) -> str:
     said = said or Said()
     once = [one for place, one in enumerate(every) if one.cause not in [other.cause for other in every[:place]]]
     law = 'their laws are' if len(once) > 1 else 'its law is'
-    return f'{_joined([_free_statement(one, said) for one in once])}; {law} {NOT_IN_LIBRARY}'
+    least = chance(min(dict(one.cause.laws if one.cause else ()).get((), one.probability) for one in once))
+    known = f' ({least})' if least != chance(min(one.probability for one in once)) else ''
+    return f'{_joined([_free_statement(one, said) for one in once])}; {law} {NOT_IN_LIBRARY}{known}'
 
 
 def member_words(name: str) -> str:
     """Return a member of an explanation: an effect by its title, else by the variables with which something moves."""
-    variables, _, body = name.partition(OF)
-    who = f'a motion of the {body}' if body else 'a motion'
-    return plain_name(name) or f'{who} with {variable_words(variables)} that is {NOT_IN_LIBRARY}'
+    of, _, body = name.partition(OF)
+    *places, variable = of.split(TIMES) if of.startswith('one ') else ('', of)
+    what = NOUNS[body] if body in NOUNS else ' at '.join(filter(None, ('motion', *places)))
+    return plain_name(name) or f'{what} {with_words(variable.split(TIMES))} ({NOT_IN_LIBRARY})'
 
 
 def variable_words(variable: str) -> str:
@@ -280,7 +293,7 @@ def _together(some: Sequence[MissingEffect], said: Said) -> _Statement:
     moving = names([one._replace(way='', alike='').words for one in every])
     there = min(one.probability for one in some)
     known = min(max((p for law, p in one.cause.laws if law), default=0.0) for one in some if one.cause)
-    way = f'{_driven_words(first.cause)} {_bracket(every[0].alike, chance(there))}'
+    way = f'{_driven_words(first.cause, effect.motion.variables)} {_bracket(every[0].alike, chance(there))}'
     return _Statement(f'{moving} {way}, most likely by one cause, {HOW[type(effect.course)]} ({setting}) '
                       f'({chance(known)})')
 

@@ -31,7 +31,8 @@ def _go_together(one: MissingEffect, other: MissingEffect) -> bool:
     courses = [type(going.course('m')) for going in GOING]
     if not (isinstance(first, PhysicalEffect) and isinstance(second, PhysicalEffect) and one.cause and other.cause
             and one.depth == other.depth == 1 and type(first.course) is type(second.course) in courses
-            and type(first.motion) is not type(second.motion) and _drive(one.cause) == _drive(other.cause)):
+            and type(first.motion) is not type(second.motion)
+            and _drive(one.cause, first) == _drive(other.cause, second)):
         return False
     ways = [{part.name: part for part in some.parameters} for some in (one, other)]
     searched = [part.name for part in first.course.searched if part.kind != 'choice']
@@ -39,9 +40,9 @@ def _go_together(one: MissingEffect, other: MissingEffect) -> bool:
                                   for name in searched)
 
 
-def _drive(cause: Cause) -> tuple[tuple[str, ...], ...]:
-    """Return the sets of variables that are said to drive it."""
-    return tuple(first for first, *_ in cause.variables), *cause.or_with
+def _drive(cause: Cause, law: PhysicalEffect) -> tuple[tuple[str, ...], ...]:
+    """Return the sets of variables that are said to drive it, but for those that its motion has."""
+    return tuple(first for first, *_ in cause.variables if first not in law.motion.variables), *cause.or_with
 
 
 def _agree(one: Parameter, other: Parameter) -> bool:

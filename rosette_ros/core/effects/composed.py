@@ -79,7 +79,9 @@ MOVING = (
     Moving('cmm_scale', move.CmmScales(), 'm/m', 'change of the CMM scales', 'The scales of the CMM change', ' of',
            'Scales of the CMM and their temperature', 'x f along x, y f along y'),
     Moving('cmm_squareness', move.CmmSquareness(), 'rad', 'change of the CMM squareness',
-           "The angle between the CMM's axes changes", ' of', 'Guideways and portal of the CMM', 'y f along x'))
+           "The angle between the CMM's axes changes", ' of', 'Guideways and portal of the CMM', 'y f along x'),
+    Moving('cmm_deformation', move.CmmDeformation(), 'm', 'deformation of the CMM', 'The CMM deforms', ' along',
+           'Guideways, portal and bed of the CMM', '(cos(m alpha), sin(m alpha), m = 1 and 2) f'))
 GOING = (
     Going('drift', lambda unit: of.Drift(), SIZE, '/s', 'steady {}', 'steadily',
           'what has warmed or settled since switching on', 't'),
@@ -133,11 +135,13 @@ WIDER = {(move.PlateTilt, of.Step): 'plate_tilt_step', (move.PlateTilt, of.WarmU
 def _goes_with(one: Moving, how: Going) -> bool:
     """Return whether the library lacks the law of a motion and a course.
 
-    What turns moves the table alone; a period of any shape, which has many columns, is looked for in the probe."""
+    What turns moves the table alone; a period of any shape, which has many columns, is looked for in the probe; what
+    depends on the CMM position has a law of cycles, as free courses of time and place are none."""
     law = _composed(one, how)
     return (_kind(law) not in {*map(_kind, EFFECTS.values()), *WIDER}
             and ('travel' not in law.variables or law.body == 'table axis')
-            and (how.name != 'periodic' or law.body == 'frame'))
+            and (how.name != 'periodic' or law.body == 'frame')
+            and (how.name == 'cycle' or 'CMM position' not in law.variables))
 
 
 COMPOSED: dict[str, PhysicalEffect] = {

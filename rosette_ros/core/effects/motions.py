@@ -377,6 +377,33 @@ class CmmSquareness(Motion):
         return np.asarray((run.radius * on.radial(run.alpha) @ second)[:, None] * first)
 
 
+class CmmDeformation(Motion):
+    """The CMM deforms: its measurement error at the probing positions changes in one and two waves around them.
+
+    One wave is its scales, squareness and tilt, two are the straightness of its guideways."""
+
+    body, variables, stated = 'CMM', ('CMM position',), 'machine'
+    like = ('frame',)
+    searched = (Searched('axes', '', 'which axes: all three, the two across the table axis, or that along it'),)
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return grid(axes=('xyz', 'xy', 'z'))
+
+    def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
+        return tuple((axis, order, wave)
+                     for axis in setting.word('axes') for order in (1, 2) for wave in (np.cos, np.sin))
+
+    def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
+        words = {np.cos: ('a', 'cosine'), np.sin: ('b', 'sine')}
+        return tuple(Quantity(f'{one.name}_{words[wave][0]}{order}_{axis}', one.unit,
+                              f'{one.meaning} {axis}, {words[wave][1]} of order {order} around the CMM positions')
+                     for axis, order, wave in self.parts(run, setting))
+
+    def direction(self, run: Run, part: Any) -> Floats:
+        axis, order, wave = part
+        return np.asarray(wave(order * run.alpha)[:, None] * on.along_machine(run)['xyz'.index(axis)])
+
+
 class CmmReversal(Motion):
     """Half the sense of the last move along each of the two axes of the CMM that go to and fro.
 
