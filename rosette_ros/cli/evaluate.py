@@ -42,6 +42,7 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.joint.conclusion import conclude
+from rosette_ros.core.planning.next_readings import BLOCK
 from rosette_ros.core.run.errors import visible
 from rosette_ros.core.run.number_words import micrometres
 from rosette_ros.core.sight.visibility import Visibility
@@ -339,6 +340,9 @@ def print_card(out: Console, verdict: Verdict, run_path: Path | str, model: Path
         say(out, sentence)
     for what in _commands(verdict):
         line = command('add', *what, '--model', model or NEW_MODEL, '--run', run_path)
+        out.print(f'  {escape(line)}', soft_wrap=True)
+    if verdict.is_open:
+        line = command('advise', run_path, '--readings', str(BLOCK), *(['--model', model] if model else []))
         out.print(f'  {escape(line)}', soft_wrap=True)
 
 

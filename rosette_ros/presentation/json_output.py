@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change, LadderStep, RunResult
-from rosette_ros.core.diagnosis.cause import Cause
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.noise_facts import noise_facts
@@ -32,6 +31,7 @@ from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.table_format import STANDARD, fields_json, parameters_json, verdict_json
 from rosette_ros.presentation.tables import CANDIDATE, CHECKED
 from rosette_ros.words.advice_words import advice_words
+from rosette_ros.words.motion_words import missing_words, unnamed_words
 from rosette_ros.words.result_words import check_words, comparison_words
 from rosette_ros.words.verdict_words import noise_words, unexplained_words, verdict_text
 
@@ -152,7 +152,7 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         'fit': fit_json(diagnosis.fit), **motions_json(result.modelled.motions),
         'iso_230_7': errors_json(result.modelled.lines()), **result_json(result),
         'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
-        'levels': levels_json(diagnosis.causes),
+        'levels': _levels_json(diagnosis),
         'explanations': [{'members': one.members, 'noise': one.noise, 'probability': one.probability}
                          for one in diagnosis.explanations],
         'probability_of_nothing': diagnosis.probability_of_nothing,
@@ -169,16 +169,20 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         **({'check': _check_json(check)} if check else {})})
 
 
-def levels_json(causes: Sequence[Cause]) -> list[Json]:
-    """Return what moves with what, and by which law, each with its probability; law: null without a name."""
+def _levels_json(diagnosis: Diagnosis) -> list[Json]:
+    """Return what moves with what, and by which law, each with its probability; law: null without a name; text: what
+    the verdict says of it."""
     out = []
-    for one in causes:
-        numbers = {what: number for what in ('ball', 'reading') if (number := one.number(what)) is not None}
+    for cause in diagnosis.causes:
+        numbers = {what: number for what in ('ball', 'reading') if (number := cause.number(what)) is not None}
+        told = next(one for one in (*diagnosis.claimed, *diagnosis.unnamed) if one.cause == cause)
         out.append({
-            'motion': one.bodies[0], 'motions': one.bodies, 'variables': [sorted(some) for some in one.alternatives],
-            'probability': one.probability, 'law': ' + '.join(one.names) or None,
-            'law_probability': one.law_probability, 'law_certain': one.law_certain,
-            'laws': [{'effect': ' + '.join(law) or None, 'probability': p} for law, p in one.laws], **numbers})
+            'motion': cause.bodies[0], 'motions': cause.bodies,
+            'variables': [sorted(some) for some in cause.alternatives],
+            'probability': cause.probability, 'law': ' + '.join(cause.names) or None,
+            'law_probability': cause.law_probability, 'law_certain': cause.law_certain,
+            'laws': [{'effect': ' + '.join(law) or None, 'probability': p} for law, p in cause.laws], **numbers,
+            'text': unnamed_words(told) if told in diagnosis.unnamed else missing_words(told)})
     return out
 
 

@@ -114,8 +114,9 @@ def _outcome(verdict: Verdict) -> list[str]:
         case Outcome.NAMED | Outcome.SUSPECTED | Outcome.UNNAMED:
             named, unnamed = (max((one.probability for one in some), default=0.0)
                               for some in (verdict.missing, verdict.unnamed))
-            say = [_missing_sentences, _unnamed_sentence][::1 if named >= unnamed else -1]
-            return [*(one for each in say for one in each(verdict, said)), *basis]
+            say = [(verdict.missing, lambda some: causes_words(some, said)),
+                   (verdict.unnamed, lambda some: unnamed_words(*some, said=said))][::1 if named >= unnamed else -1]
+            return [*(f'{capital(words(some))}.' for some, words in say if some), _residual_sentence(verdict), *basis]
         case Outcome.SCATTERS:
             return [f'The readings scatter more than stated: {_against_repeatability(after)}.']
         case Outcome.NO_REPEATABILITY:
@@ -190,23 +191,18 @@ def _times(residual: Residual, known: float, repeatability: str) -> str:
     return f'{multiple(ratio)} times {repeatability}{rounded}{part}'
 
 
-def _missing_sentences(verdict: Verdict, said: Said) -> list[str]:
-    """Return what is missing, and the residual with it, in two sentences."""
-    before, after, missing = verdict.before, verdict.after, verdict.missing
-    if not (before and after and missing):
-        return []
-    it = ('them' if len(missing) > 1 else
-          'the likeliest of them' if not missing[0].depth and missing[0].alternatives else 'it')
-    known = (f', still {_in_repeatabilities(after)}' if after.scatters and not verdict.unnamed else
+def _residual_sentence(verdict: Verdict) -> str:
+    """Return the residual with all that is said to be missing."""
+    before, after, missing, unnamed = verdict.before, verdict.after, verdict.missing, verdict.unnamed
+    if not (before and after):
+        return ''
+    it = ('them' if len(missing) + len(unnamed) > 1 else
+          'the likeliest of them' if missing and not missing[0].depth and missing[0].alternatives else 'it')
+    known = (f', still {_in_repeatabilities(after)}' if after.scatters and not unnamed else
              '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})')
-    comes = f'falls from {significant(1e6 * before.rms)} to' if after.rms < before.rms else 'is'
-    return [f'{capital(causes_words(missing, said))}.',
-            f'With {it} the residual standard deviation {comes} {micrometres(after.rms)}{known}.']
-
-
-def _unnamed_sentence(verdict: Verdict, said: Said) -> list[str]:
-    """Return what has no name in a sentence."""
-    return [f'{capital(unnamed_words(*verdict.unnamed, said=said))}.'] if verdict.unnamed else []
+    rms = min([after.rms, *(one.after for one in unnamed)])
+    comes = f'falls from {significant(1e6 * before.rms)} to' if rms < before.rms else 'is'
+    return f'With {it} the residual standard deviation {comes} {micrometres(rms)}{known}.'
 
 
 def _actions(verdict: Verdict) -> list[str]:
@@ -218,9 +214,11 @@ def _actions(verdict: Verdict) -> list[str]:
     if verdict.missing:
         it, cause = ('it', 'the cause') if len(verdict.missing) == 1 else ('them', 'the causes')
         out.append(f'eliminate {cause} and repeat the measurement, or include {it} in the evaluation model')
-    elif verdict.unnamed:
-        out += _checks(verdict.unnamed)
-    elif verdict.outcome == Outcome.SCATTERS and not _wander_words(verdict.noise):
+    if verdict.unnamed:
+        out.append(_check(verdict.unnamed))
+    if verdict.is_open:
+        out.append('measure the further readings that distinguish these best (advise --readings)')
+    if verdict.outcome == Outcome.SCATTERS and not _wander_words(verdict.noise):
         out.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
                    'residual maps')
     elif verdict.outcome == Outcome.NO_REPEATABILITY:
@@ -258,14 +256,13 @@ def _limits(verdict: Verdict) -> list[str]:
     return out
 
 
-def _checks(unnamed: Sequence[MissingEffect]) -> list[str]:
+def _check(unnamed: Sequence[MissingEffect]) -> str:
     """Return what to check for motions without a name: what changes with the variables that may drive them."""
-    causes = [one.cause for one in unnamed if one.cause]
-    drive = dict.fromkeys(name for cause in causes for some in (*cause.variables, *cause.or_with) for name in some)
-    several = any(len(cause.alternatives) > 1 for cause in causes)
+    every = [some for one in unnamed if one.cause for some in (*one.cause.variables, *one.cause.or_with)]
+    drive = dict.fromkeys([*(first for first, *_ in every), *(name for some in every for name in some)])
     what = (f'changes with {names(few([*map(variable_words, drive)], "one of "), "or")}' if drive else
             'is off by a constant amount')
-    return [f'check the cell for what {what}', *['measure further readings to distinguish these'] * several]
+    return f'check the cell for what {what}'
 
 
 def noise_kind(noise: NoiseFacts) -> str:

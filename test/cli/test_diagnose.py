@@ -37,7 +37,8 @@ def test_json_is_that_of_the_contract(rosette, tables):
     assert set(levels) == {'frame', 'plate'}
     for one in levels.values():
         assert set(one) == {'motion', 'motions', 'variables', 'probability', 'law', 'law_probability', 'law_certain',
-                            'laws'}
+                            'laws', 'text'}
+        assert one['text'] in got['verdict'].replace('The probe', 'the probe')
         assert any('time' in some for some in one['variables']) and one['law_probability'] <= one['probability'] <= 1
         assert one['laws'][0] == {'effect': one['law'], 'probability': one['law_probability']}
     assert (levels['frame']['law'], levels['plate']['law']) == ('frame_drift', 'plate_warp')

@@ -72,7 +72,8 @@ def test_what_has_no_name_is_said_by_body_and_variable():
     one = unnamed('table axis tilting', ['table angle', 'time'])
     verdict = Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,))
     assert verdict_text(verdict).sentence == (
-        'The table axis tilts with the table angle and time (97 %); its law is not in the library.')
+        'The table axis tilts with the table angle and time (97 %); its law is not in the library. With it the '
+        'residual standard deviation falls from 0.360 to 0.102 µm (repeatability 0.0910 µm).')
     assert unexplained_words(verdict) == unnamed_words(one)
 
 
@@ -84,8 +85,9 @@ def test_what_this_run_cannot_distinguish_is_said_once():
         'the table axis tilts with time (table travel and number of readings run alike), or with the sense of '
         'rotation, or with the line of the encoder, or with one of 2 more (97 %); its law is not in the library')
     text = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,)))
-    assert text.action == ('Check the cell for what changes with time, the table travel, the number of readings or one '
-                           'of 3 more; measure further readings to distinguish these.')
+    assert text.action == ('Check the cell for what changes with time, the sense of rotation, the line of the encoder '
+                           'or one of 3 more; measure the further readings that distinguish these best (advise '
+                           '--readings).')
 
 
 def test_several_motions_say_once_what_they_share():
@@ -100,11 +102,11 @@ def test_several_motions_say_once_what_they_share():
     turn = replace(unnamed('table or plate turning', ['time']), together=0.91,
                    cause=Cause((), ('table or plate turning', bodies[-1]), (('temperature', 'time'),), alike=same))
     sentence = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(probe, again, turn))).sentence
-    assert len(sentence) < 400 and sentence == (
+    assert sentence.startswith(
         'The probe moves (the same here: plate, plate tilting or one of 2 more) in x and y with time (temperature, '
         'table travel and 3 more run alike; 98 %), and in z with the sense of rotation (size of the last '
         'table move runs alike) and time (94 %); the table or the plate turns (the same here: CMM scales and '
-        'squareness) with the temperature (91 %); their laws are not in the library.')
+        'squareness) with the temperature (91 %); their laws are not in the library. With them ')
 
 
 def test_a_body_that_may_move_as_well_is_an_alternative():
@@ -275,11 +277,12 @@ def test_what_is_less_than_sure_is_suspected():
     one = replace(slip(), cause=replace(slip().cause, probability=0.8), together=0.8)
     text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, (one,)))
     assert text.sentence.startswith('Ball 11 moves with time (80 %), most likely slip of one ball (96 %)')
-    assert text.action == 'Eliminate the cause and repeat the measurement, or include it in the evaluation model.'
+    assert text.action == ('Eliminate the cause and repeat the measurement, or include it in the evaluation model; '
+                           'measure the further readings that distinguish these best (advise --readings).')
     assert HEADLINES[text.outcome] == 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL'
     text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, unnamed=(unnamed('plate growing', ['time']),)))
     assert text.sentence.startswith('The plate grows or shrinks with time (97 %); its law is not in the library')
-    assert text.action == 'Check the cell for what changes with time.'
+    assert text.action.startswith('Check the cell for what changes with time')
     assert text.level == 'doubtful' and text.model_fails
     both = Verdict(Outcome.UNNAMED, BEFORE, AFTER, (one,), (unnamed('plate growing', ['time']),))
     sentence = verdict_text(both).sentence  # the likeliest first

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is said of a run: which members of the best hypothesis are claimed, and as what moves with what."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -154,13 +155,20 @@ class Claims:
     def unnamed(self) -> tuple[MissingEffect, ...]:
         """The members without a name that noise does not explain, the likeliest first; of those about as likely,
         that of one variable."""
-        out = []
+        out, beside = [], list(self.members)
         for place, one in enumerate(self.chosen.members):
             if one.family.is_free and self._is_guarded(place):
-                cause = self._cause_of(one)
+                cause, before = self._cause_of(one), self._rms(beside)
+                beside.append(one)
                 out.append(MissingEffect(one.family.effect.name, one.setting, cause=cause, together=cause.probability,
-                                         p=self._p_of_member(place), visible_fraction=one.sensitivity))
+                                         p=self._p_of_member(place), visible_fraction=one.sensitivity, before=before,
+                                         after=self._rms(beside)))
         return tuple(sorted(out, key=lambda one: (-round(one.probability, 1), one.setting.word('of').count(TIMES))))
+
+    def _rms(self, members: Sequence[Member]) -> float:
+        """Return the standard deviation of the noise beside members of the sizes that they have, m."""
+        evidence = self._search.evidence
+        return evidence.scale * math.sqrt(State(evidence, members, is_sized=True).left / evidence.dof)
 
     @property
     def doubtful(self) -> tuple[tuple[str, float], ...]:

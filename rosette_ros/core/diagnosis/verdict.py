@@ -157,6 +157,11 @@ class Verdict(Judged):
         return tuple(sorted({name for one in self.missing for name, _ in one.alternatives}))
 
     @property
+    def is_open(self) -> bool:
+        """Whether further readings may tell more of what is found."""
+        return any(one.is_open for one in (*self.missing, *self.unnamed))
+
+    @property
     def unexplained(self) -> bool:
         """Whether something is left that no named effect explains."""
         return bool(self.unnamed or (self.after and self.after.scatters))
