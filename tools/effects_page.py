@@ -53,11 +53,13 @@ shares, smaller ones too, for any number of balls or for a run.
 COMPOSED_LAWS = f"""
 ## Composed laws
 
-The library has laws with an origin in the field. Any other motion of a body may follow any other course:
+The library has laws with an origin in the field. Other motions of a body may follow other courses, too:
 {len(COMPOSED)} more laws, put together from the two tables below, are searched and can be added to a model. Their names
 are those of the motion and of the course: `axis_tilt_pulse` is a temporary tilt of the table axis,
 `cmm_squareness_lag` a squareness that lags the temperature. What the library has keeps its name; only the
-table follows a course of its travel (`asynchronous`).
+table turns by a course of its travel (`asynchronous`), a period of any shape (`periodic`) is looked for in the probe
+only, and a deformation of the CMM by cycles only: its other courses are
+[motions without a name](diagnosis.md#hypotheses) that depend on time and CMM position.
 """
 CUSTOM = f"""
 ## Custom terms

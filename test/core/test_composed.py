@@ -31,13 +31,16 @@ def hidden(run, name):
             out[:, :2] = (3e-6 * turned * (np.arange(run.size) >= run.size // 3)).T
         case 'plate_tilt_cycle':  # 4 urad about its x, five times in the run
             out[:, 2] = 4e-6 * RADIUS * np.sin(run.beta) * np.sin(2 * np.pi * 5 * np.arange(run.size) / run.size)
+        case 'cmm_deformation_cycle':  # 0.8 um along z, 0.7 um along x, two waves around the positions
+            cycle = np.sin(2 * np.pi * 5.3 * np.arange(run.size) / run.size)
+            out[:, 2], out[:, 0] = 8e-7 * np.cos(2 * along - 0.4) * cycle, 7e-7 * np.sin(2 * along) * cycle
         case 'plate_warp_warmup':  # 1 um in two waves around it
             out[:, 2] = 1e-6 * np.cos(2 * run.beta - 0.7) * -np.expm1(-hours / 0.12)
     return out
 
 
 @pytest.mark.parametrize('name', [
-    'axis_tilt_pulse', 'table_zero_asynchronous', 'cmm_squareness_warmup', 'plate_tilt_cycle',
+    'axis_tilt_pulse', 'table_zero_asynchronous', 'cmm_squareness_warmup', 'plate_tilt_cycle', 'cmm_deformation_cycle',
     *(pytest.param(name, marks=pytest.mark.long) for name in ('plate_oval_step', 'plate_warp_warmup'))])
 def test_a_composed_law_is_found(name):
     """Each stands 12 times and more above the noise, in an order that shows it."""
@@ -75,6 +78,8 @@ def test_every_motion_goes_with_every_course():
         ('plate_slide', 'step'), ('plate_growth', 'drift'), ('plate_growth', 'temperature'), ('plate_tilt', 'step'),
         ('plate_tilt', 'warmup'), ('axis_tilt', 'asynchronous'),
         *((one.name, 'periodic') for one in MOVING[1:]),  # a period of any shape is looked for in the probe
+        # of time and CMM position a free course describes all but cycles
+        *(('cmm_deformation', how.name) for how in GOING if how.name not in ('cycle', 'periodic')),
         *((name, 'asynchronous') for name in ('frame', 'plate_tilt', 'plate_slide', 'plate_growth', 'plate_oval',
                                               'plate_warp', 'cmm_scale', 'cmm_squareness'))}
     assert not COMPOSED.keys() & EFFECTS.keys()

@@ -384,10 +384,10 @@ class CmmDeformation(Motion):
 
     body, variables, stated = 'CMM', ('CMM position',), 'machine'
     like = ('frame',)
-    searched = (Searched('axes', '', 'which axes: all three, the two across the table axis, or that along it'),)
+    searched = (Searched('axes', '', 'which axes: all three together, or z alone'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(axes=('xyz', 'xy', 'z'))
+        return grid(axes=('xyz', 'z'))
 
     def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
         return tuple((axis, order, wave)
