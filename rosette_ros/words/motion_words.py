@@ -140,9 +140,18 @@ def unnamed_words(*every: MissingEffect, said: Said | None = None) -> str:
     said = said or Said()
     once = [one for place, one in enumerate(every) if one.cause not in [other.cause for other in every[:place]]]
     law = 'their laws are' if len(once) > 1 else 'its law is'
-    least = chance(min(dict(one.cause.laws if one.cause else ()).get((), one.probability) for one in once))
-    known = f' ({least})' if least != chance(min(one.probability for one in once)) else ''
-    return f'{_joined([_free_statement(one, said) for one in once])}; {law} {NOT_IN_LIBRARY}{known}'
+    return f'{_joined([_free_statement(one, said) for one in once])}; {law} {_unnamed_law(once)}'
+
+
+def _unnamed_law(every: Sequence[MissingEffect]) -> str:
+    """Return what is known of the laws of motions without a name: that the library has none, or nothing, where it has
+    several for one of them."""
+    laws = [one.cause.laws for one in every if one.cause and one.cause.laws]
+    if any(likeliest for (likeliest, _), *_ in laws):
+        return 'not known'
+    least, said = (chance(min(some)) for some in (
+        [dict(one).get((), 1.0) for one in laws] or [1.0], [one.probability for one in every]))
+    return NOT_IN_LIBRARY + f' ({least})' * bool(laws and least != said)
 
 
 def member_words(name: str) -> str:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Courses: what an effect depends on, as functions of the reading. Any of them goes with any motion."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -342,8 +343,8 @@ class EncoderLines(Course):
 class TableOrder(Course):
     """cos and sin of nu Psi; orders from 0.1 to 5 per turn in steps of half the resolution, of which each is a chance.
 
-    At least two cycles in the run, but for cages of bearings: less is any curve in time, and less beside a whole turn
-    any curve in the frame of the plate. Refined by half a resolution to either side.
+    FEWEST_CYCLES beside a whole number of them in the run, but for cages of bearings: less is any curve in time, and
+    beside whole turns a synchronous motion that changes. Refined by half a resolution to either side.
     """
 
     searched = (Searched('nu', '1', 'cycles per turn of the table', 'phase'),)
@@ -354,20 +355,18 @@ class TableOrder(Course):
     def _turns(self, run: Run) -> float:
         return max(float(np.ptp(run.table_travel)) / TWO_PI, 1.0)
 
-    def _least(self, run: Run) -> float:
-        """Return how far an order has to be from 0 and 1."""
-        return max(0.1, min(2 / self._turns(run), 0.35))
+    def _beside(self, run: Run) -> float:
+        """Return how far an order has to be from a whole number."""
+        return max(0.1, min(FEWEST_CYCLES / self._turns(run), 0.35))
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        turns, least = self._turns(run), self._least(run)
-        orders = np.arange(max(least, 0.5 / turns), min(run.n / 2, 5.0, max(1.2, 750 / turns)), 0.5 / turns)
-        # Within half a resolution of a whole number it is synchronous: the base model's.
-        beside = np.where(orders < 1.5, max(least - 1e-9, 0.4 / turns), 0.4 / turns)
-        return grid(nu=orders[np.abs(orders - np.round(orders)) > beside].tolist())
+        turns = self._turns(run)
+        orders = np.arange(0.5 / turns, min(run.n / 2, 5.0, max(1.2, 750 / turns)), 0.5 / turns)
+        return grid(nu=orders[np.abs(orders - np.round(orders)) > self._beside(run) - 1e-9].tolist())
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
-        nu, half, least = setting.number('nu'), 0.5 / self._turns(run), self._least(run)
-        low, high = (least, 1 - least) if nu < 1 else (1 + least if nu < 1.5 else 0.0, np.inf)
+        nu, half, beside = setting.number('nu'), 0.5 / self._turns(run), self._beside(run)
+        low, high = math.floor(nu) + beside, math.floor(nu) + 1 - beside
         return {'nu': (max(nu - half, low), min(nu + half, high))}
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:

@@ -228,15 +228,17 @@ class Bank:
             self._parts += [one for one in wider._parts if not one[1][0].key[1]]
             self._parts_of |= wider._parts_of
             self.groups |= {key: group for key, group in wider.groups.items() if not key[1]}
-        made, free, shared = dict[Key, list[tuple[Ints, ...]]](), dict[Setting, tuple[int, int]](), len(self._parts)
-        for number, family in enumerate(families):
-            places, first = {setting: (number, k) for k, setting in enumerate(family.settings)}, len(self._parts)
+        made, free, shared = dict[Key, list[tuple[Ints, ...]]](), list[Setting](), len(self._parts)
+        places = {id(setting): (number, k) for number, family in enumerate(families)
+                  for k, setting in enumerate(family.settings)}
+        for family in families:
+            first = len(self._parts)
             if family.is_free:
-                free |= places
+                free += family.settings
             elif not wider:
                 self._add(places, family.effect.factors(run, family.settings), False, made)
                 self._parts_of[family.name] = slice(first, len(self._parts))
-        self._add(free, _shared(run, free), True, made)
+        self._add(places, _shared(run, free), True, made)
         self.ends = np.cumsum([0, *(len(family.settings) for family in families)]).tolist()
         self.range_of = {one.name: ends for one, ends in zip(families, zip(self.ends, self.ends[1:]))}
         for key, found in sorted(made.items()):
@@ -247,9 +249,10 @@ class Bank:
         for part, pieces in self._parts[shared:]:
             self._orthonormalise(part, pieces)
 
-    def _add(self, places: Mapping[Setting, tuple[int, int]], factors: Iterable[Factors], is_free: bool,
+    def _add(self, places: Mapping[int, tuple[int, int]], factors: Iterable[Factors], is_free: bool,
              made: dict[Key, list[tuple[Ints, ...]]]) -> None:
-        """Add the columns of factors; places: numbers of family and setting; made: columns of groups."""
+        """Add the columns of factors; places: numbers of family and setting, by the identity of the setting, which is
+        sooner known than its value; made: columns of groups."""
         alike: dict[tuple[int, int, bool], list[Factors]] = {}
         for one in factors:
             alike.setdefault((id(one.directions), one.waves.shape[1], one.at is None), []).append(one)
@@ -262,7 +265,7 @@ class Bank:
                 begin = sum(len(each[0]) for each in group)
                 pieces.append(Piece((width, is_free), slice(begin, begin + len(wave)), wave, which))
                 column = part.rows_of(number, wave, which)[..., 0]
-                family, setting = np.array([places[part.settings[k]] for k in numbers]).T
+                family, setting = np.array([places[id(part.settings[k])] for k in numbers]).T
                 group.append((family, setting, np.pad(column, ((0, 0), (0, width - column.shape[1])))))
             self._parts.append((part, pieces))
 
