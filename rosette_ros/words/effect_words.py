@@ -16,7 +16,7 @@ MEANINGS: Mapping[str, Effect] = ChainMap[str, Any](LAWS, {effect.name: effect f
 """Every name that a diagnosis can give, with what it means."""
 MICRO_DECIMALS = 3
 OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn'), 'height': Scale(1e3, 'mm'),
-                'theta0': Scale(180 / math.pi, '°')}
+                'theta0': Scale(180 / math.pi, '°'), 'width': Scale(180 / math.pi, '°')}
 """Parameters that are no small deviations and have a scale of their own, by name."""
 
 

@@ -296,7 +296,8 @@ def _together(some: Sequence[MissingEffect], said: Said) -> _Statement:
     effect = MEANINGS.get(first.name)
     if not others or not isinstance(effect, PhysicalEffect) or first.cause is None:
         return _statement(first, said)
-    numbers = {part.name: first.setting[part.name] for part in effect.course.searched if part.name in first.setting}
+    numbers = {part.name: first.setting[part.name] for part in effect.course.searched
+               if part.name in first.setting and part.kind != 'choice'}
     setting = setting_words(first.name, numbers, time=first.time_unit)
     every = [one for one in (_moving(one, said) for one in some) if one]
     moving = names([one._replace(way='', alike='').words for one in every])

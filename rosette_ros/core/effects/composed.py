@@ -108,7 +108,10 @@ GOING = (
           'a knock, a load or warm air that was there for a moment', 'H(t - t0) exp(-(t - t0)/tau)'),
     Going('asynchronous', lambda unit: of.TableOrder(), WAVES, '', 'asynchronous {}',
           'at no integer multiple of the rotation frequency of the table',
-          'belt, worm and gear of the drive; cage and rolling elements of the bearing', 'cos and sin of nu Psi'))
+          'belt, worm and gear of the drive; cage and rolling elements of the bearing', 'cos and sin of nu Psi'),
+    Going('play', lambda unit: of.Play(), SIZE, '', '{} within its play',
+          'with each turn of the table until its play is used up',
+          'play, and friction or inertia that uses it up; cables and hoses that pull', '(Psi - c)/w, a play operator'))
 
 
 def _composed(one: Moving, how: Going) -> PhysicalEffect:
@@ -135,11 +138,12 @@ WIDER = {(move.PlateTilt, of.Step): 'plate_tilt_step', (move.PlateTilt, of.WarmU
 def _goes_with(one: Moving, how: Going) -> bool:
     """Return whether the library lacks the law of a motion and a course.
 
-    What turns moves the table alone; a period of any shape, which has many columns, is looked for in the probe; what
+    What turns moves the table alone, its play the plate, too; a period of any shape, which has many columns, is looked for in the probe; what
     depends on the CMM position has a law of cycles, as free courses of time and place are none."""
     law = _composed(one, how)
     return (_kind(law) not in {*map(_kind, EFFECTS.values()), *WIDER}
             and ('travel' not in law.variables or law.body == 'table axis')
+            and ('table memory' not in law.variables or law.body in ('table axis', 'plate'))
             and (how.name != 'periodic' or law.body == 'frame')
             and (how.name == 'cycle' or 'CMM position' not in law.variables))
 

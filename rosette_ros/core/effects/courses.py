@@ -377,6 +377,38 @@ class TableOrder(Course):
         return waves
 
 
+class Play(Course):
+    """Play (hysteresis) of the table's travel: it follows a turn until the play w is used up, and stays.
+
+    Psi - c, over w, where c is the last centre, moved by no more than keeps |Psi - c| <= w/2 (a play operator). From
+    more than the smallest move, as what that uses up goes by the sense alone, to the whole of the travel; where it
+    stood at the first reading is searched. Nothing to try where the table turns one way only.
+    """
+
+    searched = (Searched('width', 'rad', 'w, turn that uses up the play', 'scale'),
+                Searched('start', '', 'share of the play that is used up in forward sense at the first reading'))
+    variables = ('table memory',)
+    depends_on = ('table_travel',)
+    carries = 'shape'
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        move = np.diff(on.travel(run))
+        move = move[np.abs(move) > 1e-9]
+        if not ((move > 0).any() and (move < 0).any()):
+            return ()
+        least, most = 1.5 * np.abs(move).min(), np.ptp(on.travel(run))
+        return grid(width=np.geomspace(least, most, 8).tolist(), start=(0.0, 0.5, 1.0)) if least < most else ()
+
+    def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        psi, half = on.travel(run), values(settings, 'width')[:, 0] / 2
+        out = np.empty((len(settings), run.size))
+        centre = psi[0] + half * (1 - 2 * values(settings, 'start')[:, 0])
+        for reading, angle in enumerate(psi):
+            centre = np.clip(centre, angle - half, angle + half)
+            out[:, reading] = (angle - centre) / (2 * half)
+        return out[:, None]
+
+
 class TableHeat(Course):
     """1 - exp(-Psi/Psi0), from a fiftieth of the turned angle to the whole of it, of which neighbours look alike.
 
