@@ -18,7 +18,7 @@ def causes(verdict: Verdict) -> Table:
         column('probability', 'probability', [one.probability for one in every], chance),
         words('moves', 'moving body, correlated with', map(moves_words, every)),
         column('effect', '', [one.name for one in every]),
-        words('cause', 'likeliest law', [laws_words(one.cause, 1) if one.cause and one.depth else '' for one in every]),
+        words('cause', 'likely laws', [laws_words(one.cause) if one.cause and one.depth else '' for one in every]),
         words('does', 'size', map(does_words, every)),
         column('rms_before_um', '', [1e6 * one.before for one in every]),
         Column('rms_after_um', 'residual std. dev.', tuple(1e6 * one.after for one in every),

@@ -190,21 +190,15 @@ def experience_words(one: MissingEffect) -> str:
     return f'{runs}this run alone: {chance(one.alone)}'
 
 
-def likely_laws(cause: Cause) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """Return the laws of a cause that are said, the likeliest first: until one of them would be claimed; none that is
-    unlikely."""
-    held, out = 0.0, list[tuple[tuple[str, ...], float]]()
-    for law, p in cause.laws[:MOST]:
-        if out and (held >= CLAIM or p < 1 - SURE):
-            break
-        out.append((law, p))
-        held += p
-    return tuple(out)
-
-
 def laws_words(cause: Cause, most: int = MOST) -> str:
-    """Return so many of the likely laws of a cause: 'linear probe drift (61 %), warm-up of the machine (36 %)'."""
-    likely = likely_laws(cause)[:most]
+    """Return so many of the laws of a cause, the likeliest first, until one of them would be claimed, and none that is
+    unlikely: 'linear probe drift (61 %), warm-up of the machine (36 %)'."""
+    likely, held = list[tuple[tuple[str, ...], float]](), 0.0
+    for law, p in cause.laws[:most]:
+        if likely and (held >= CLAIM or p < 1 - SURE):
+            break
+        likely.append((law, p))
+        held += p
     words = [titles(law) if law else f'one that is {NOT_IN_LIBRARY}' for law, _ in likely]
     for place, ((before, _), (law, _)) in enumerate(pairwise(likely), 1):
         if len({*before}) == 1 and {*before} == {*law}:  # one law so many times or so many
@@ -262,7 +256,7 @@ def _statement(one: MissingEffect, said: Said) -> _Statement:
     if one.depth == 1:
         (likeliest, p), *_ = cause.laws
         law = ('' if cause.number('reading') else  # which has one law only
-               f', most likely {laws_words(cause)}' if likeliest else f'; its law is {NOT_IN_LIBRARY} ({chance(p)})')
+               f', most likely {laws_words(cause, 1)}' if likeliest else f'; its law is {NOT_IN_LIBRARY} ({chance(p)})')
         moving = _moving(one, said) or _Statement(moves_words(one))
         return moving._replace(probability=chance(cause.probability), law=law + learnt)
     number = cause.number('reading') or cause.number('ball')

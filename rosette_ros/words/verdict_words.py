@@ -28,7 +28,6 @@ from rosette_ros.words.motion_words import (
     causes_words,
     chance,
     few,
-    likely_laws,
     titles,
     unnamed_words,
     variable_words,
@@ -246,7 +245,7 @@ def _limits(verdict: Verdict) -> list[str]:
     """Return what the run cannot tell, a sentence each."""
     out: list[str] = []
     for one in verdict.missing:
-        said = {name for law, _ in likely_laws(one.cause) for name in law} if one.cause else set()
+        said = {*one.cause.laws[0][0]} if one.cause else set()
         others = [f'{title_of(name)} ({chance(p)})' for name, p in one.alternatives if name not in said]
         if others and one.depth:  # else they are named in the first sentence
             out.append(f'This run cannot distinguish {title_of(one.name)} from {" or ".join(others)}.')

@@ -46,7 +46,7 @@ def test_the_card_and_both_models_are_shown(monkeypatch):
             panel.show(controller.session.current)
     found = [element.text for element in client.elements.values() if getattr(element, 'text', '')]
     places = [found.index(words) for words in (
-        'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL', 'probability', 'moving body, correlated with', 'likeliest law',
+        'SYSTEMATIC EFFECT FOUND, NOT IN THE MODEL', 'probability', 'moving body, correlated with', 'likely laws',
         'size', 'possible origin')]
     assert places == sorted(places)
     for begin in ('the probe moves by ', 'the probe moves with time', 'linear probe drift ('):

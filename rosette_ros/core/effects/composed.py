@@ -138,8 +138,9 @@ WIDER = {(move.PlateTilt, of.Step): 'plate_tilt_step', (move.PlateTilt, of.WarmU
 def _goes_with(one: Moving, how: Going) -> bool:
     """Return whether the library lacks the law of a motion and a course.
 
-    What turns moves the table alone, its play the plate, too; a period of any shape, which has many columns, is looked for in the probe; what
-    depends on the CMM position has a law of cycles, as free courses of time and place are none."""
+    What turns moves the table alone, its play the plate, too; a period of any shape, which has many columns, is looked
+    for in the probe; what depends on the CMM position has a law of cycles, as free courses of time and place are none.
+    """
     law = _composed(one, how)
     return (_kind(law) not in {*map(_kind, EFFECTS.values()), *WIDER}
             and ('travel' not in law.variables or law.body == 'table axis')
