@@ -59,7 +59,7 @@ def answered(found: Any) -> Record:
             for one in found.explanations],
         'probability_of_nothing': float(found.probability_of_nothing),
         'probability_of_unnamed': float(found.probability_of_unnamed),
-        'levels': levels_json(found.causes),
+        'levels': levels_json(found),
         'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
         'sentence': verdict_text(found.verdict).sentence, 'rms': float(found.final.rms)}
 

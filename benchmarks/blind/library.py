@@ -51,9 +51,10 @@ COMPOSED: dict[str, tuple[Names, Variables]] = {
         ('table_zero', TURN), ('axis_tilt', AXIS), ('plate_tilt', TILT), ('plate_slide', PLATE), ('plate_warp', Z),
         ('plate_growth', GROWTH), ('plate_oval', OVAL), ('cmm_scale', SCALES), ('cmm_squareness', SCALES))
     for courses, variable in (('drift warmup onset cycle step pulse recovery', 'time'),
-                              ('temperature lag', 'temperature'), ('asynchronous', 'travel'))
+                              ('temperature lag', 'temperature'), ('asynchronous', 'travel'),
+                              ('play', 'table memory'))
     for course in courses.split()}
-COMPOSED['frame_periodic'] = FRAME, said('time')
+COMPOSED |= {'frame_periodic': (FRAME, said('time')), 'cmm_deformation_cycle': (FRAME, said('time + CMM position'))}
 """The same of laws that are put together of a motion and a course."""
 
 

@@ -152,7 +152,7 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         'fit': fit_json(diagnosis.fit), **motions_json(result.modelled.motions),
         'iso_230_7': errors_json(result.modelled.lines()), **result_json(result),
         'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
-        'levels': _levels_json(diagnosis),
+        'levels': levels_json(diagnosis),
         'explanations': [{'members': one.members, 'noise': one.noise, 'probability': one.probability}
                          for one in diagnosis.explanations],
         'probability_of_nothing': diagnosis.probability_of_nothing,
@@ -169,7 +169,7 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         **({'check': _check_json(check)} if check else {})})
 
 
-def _levels_json(diagnosis: Diagnosis) -> list[Json]:
+def levels_json(diagnosis: Diagnosis) -> list[Json]:
     """Return what moves with what, and by which law, each with its probability; law: null without a name; text: what
     the verdict says of it."""
     out = []

@@ -261,10 +261,13 @@ def test_a_diagnosis_is_read_with_its_probabilities():
     laws = (('frame_drift',), 0.6), ((), 0.3)
     place = SimpleNamespace(name='frame_drift', is_free=False), {}
     new.causes = (Cause((place,), ('frame',), (('time', 'travel'), ('ball',)), 0.9, laws),)
-    assert answered(new)['levels'] == [{
+    new.claimed = [replace(claim, cause=new.causes[0])]
+    level, = answered(new)['levels']
+    assert level.pop('text').startswith('the probe moves with ')
+    assert level == {
         'motion': 'frame', 'motions': ('frame',), 'variables': [['ball', 'time'], ['ball', 'travel']],
         'probability': 0.9, 'law': 'frame_drift', 'law_probability': 0.6, 'law_certain': False,
-        'laws': [{'effect': 'frame_drift', 'probability': 0.6}, {'effect': None, 'probability': 0.3}]}]
+        'laws': [{'effect': 'frame_drift', 'probability': 0.6}, {'effect': None, 'probability': 0.3}]}
     assert said_now['explanations'] == [{'members': ['frame_drift'], 'noise': 'white', 'probability': 0.9}]
 
 

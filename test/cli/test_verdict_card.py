@@ -2,6 +2,7 @@
 """The card of a verdict in the terminal, from facts alone."""
 
 import io
+from dataclasses import replace
 
 from rosette_ros.cli.console import console
 from rosette_ros.cli.evaluate import print_card
@@ -27,9 +28,12 @@ def test_a_model_that_fits_is_a_sentence():
 def test_what_has_no_name_can_be_kept_as_a_term():
     """By the command as it is printed."""
     setting = Setting(of='time since move', kind='slow', along='frame along y')
-    cause = Cause((), ('frame',), (('time since move',),), 0.97)
+    cause = Cause((), ('frame',), (('time since move',),), 0.97, laws=(((), 0.97),))
     one = MissingEffect('free', setting, cause=cause, together=0.97)
     lines = card(Verdict(Outcome.UNNAMED, RESIDUAL, RESIDUAL, unnamed=(one,)), 'mine.yaml')
     assert lines[0] == 'SYSTEMATIC EFFECT FOUND, CAUSE NOT IDENTIFIED'
     assert lines[-1].endswith("rosette add free --set 'of=time since move' --set kind=slow --set 'along=frame along y' "
                               "--model mine.yaml --run 'my run.csv'")
+    open_ = replace(one, cause=replace(cause, or_with=(('pause',),)))  # what further readings may tell
+    lines = card(Verdict(Outcome.UNNAMED, RESIDUAL, RESIDUAL, unnamed=(open_,)), 'mine.yaml')
+    assert lines[-1].endswith("rosette advise 'my run.csv' --readings 12 --model mine.yaml")

@@ -97,7 +97,7 @@ def test_every_effect_says_what_moves_and_by_what():
         assert subject.body in {'frame', 'table axis', 'plate', 'ball', 'CMM', 'reading'}
         assert subject.variables and set(subject.variables) <= {
             'time', 'temperature', 'ball', 'table angle', 'CMM position', 'travel', 'table sense', 'cmm sense',
-            'cmm direction', 'reading', 'encoder'}
+            'cmm direction', 'reading', 'encoder', 'table memory'}
 
 
 @pytest.mark.parametrize('subject', EFFECTS.values(), ids=lambda e: e.name)

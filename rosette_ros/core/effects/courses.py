@@ -343,8 +343,9 @@ class EncoderLines(Course):
 class TableOrder(Course):
     """cos and sin of nu Psi; orders from 0.1 to 5 per turn in steps of half the resolution, of which each is a chance.
 
-    FEWEST_CYCLES beside a whole number of them in the run, but for cages of bearings: less is any curve in time, and
-    beside whole turns a synchronous motion that changes. Refined by half a resolution to either side.
+    At least two cycles in the run, but for cages of bearings: less is any curve in time, and less beside a whole turn
+    any curve in the frame of the plate; and one beside more whole turns, as less is a synchronous motion that changes.
+    Refined by half a resolution to either side.
     """
 
     searched = (Searched('nu', '1', 'cycles per turn of the table', 'phase'),)
@@ -355,18 +356,21 @@ class TableOrder(Course):
     def _turns(self, run: Run) -> float:
         return max(float(np.ptp(run.table_travel)) / TWO_PI, 1.0)
 
-    def _beside(self, run: Run) -> float:
-        """Return how far an order has to be from a whole number."""
-        return max(0.1, min(FEWEST_CYCLES / self._turns(run), 0.35))
+    def _beside(self, run: Run, whole: Floats) -> Floats:
+        """Return how far an order has to be from whole numbers (m,), (m,)."""
+        turns = self._turns(run)
+        return np.where(whole > 1, min(1 / turns, 0.3), max(0.1, min(FEWEST_CYCLES / turns, 0.35)))
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         turns = self._turns(run)
         orders = np.arange(0.5 / turns, min(run.n / 2, 5.0, max(1.2, 750 / turns)), 0.5 / turns)
-        return grid(nu=orders[np.abs(orders - np.round(orders)) > self._beside(run) - 1e-9].tolist())
+        nearest = np.round(orders)
+        return grid(nu=orders[np.abs(orders - nearest) > self._beside(run, nearest) - 1e-9].tolist())
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
-        nu, half, beside = setting.number('nu'), 0.5 / self._turns(run), self._beside(run)
-        low, high = math.floor(nu) + beside, math.floor(nu) + 1 - beside
+        nu, half = setting.number('nu'), 0.5 / self._turns(run)
+        whole = math.floor(nu) + np.arange(2.0)
+        low, high = (whole + self._beside(run, whole) * [1, -1]).tolist()
         return {'nu': (max(nu - half, low), min(nu + half, high))}
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:

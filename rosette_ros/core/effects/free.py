@@ -195,6 +195,8 @@ PARTS = {
     'table or plate turning': 'table', 'table axis tilting': 'table', 'first scale of the CMM': 'CMM',
     'second scale of the CMM': 'CMM', 'squareness of the CMM': 'CMM', 'scales and squareness of the CMM': 'CMM'}
 """The part of the cell of which a body is a motion."""
+BODIES_OF = {part: [*PARTS.values()].count(part) for part in PARTS.values()}
+"""How many bodies are motions of each part."""
 PLAIN = ('frame along z', 'frame along x and y', 'plate growing', 'table or plate turning', 'table axis tilting',
          'first scale of the CMM', 'second scale of the CMM', 'squareness of the CMM')
 """Motions of courses of two variables."""
@@ -241,8 +243,11 @@ class FreeEffect(Effect):
             yield from ((f'{name}{OF}{body}', tuple(each)) for body, each in bodies.items())
 
     def _of_variables(self, run: Run) -> Iterator[tuple[str, tuple[Setting, ...]]]:
-        """Yield the variables and the settings of each set of variables."""
-        every = variables(run)
+        """Yield the variables and the settings of each set of variables; two of the same functions are one."""
+        distinct: dict[bytes, Variable] = {}
+        for one in variables(run):
+            distinct.setdefault(one.functions.tobytes(), one)
+        every = list(distinct.values())
         single: dict[str, list[Setting]] = {}
         for one in every:
             single.setdefault(one.name, []).extend(
@@ -316,6 +321,11 @@ class FreeEffect(Effect):
     def columns(self, run: Run, setting: Setting) -> Floats:
         functions, directions = self.course(run, setting)[0], motions(run)[setting.word('along')]
         return np.moveaxis((functions[:, None, :, None] * directions).reshape(-1, run.size, 3), 0, -1)
+
+
+def bodies_beside(name: str) -> int:
+    """Return how many bodies are motions of the same part of the cell as that of a family, itself included."""
+    return BODIES_OF.get(PARTS.get(name.partition(OF)[2], ''), 1)
 
 
 def place_of(name: str) -> tuple[str, int]:

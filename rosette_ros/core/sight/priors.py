@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rosette_ros.core.effects.free import bodies_beside
 from rosette_ros.core.model.experience import Experience
 from rosette_ros.core.sight.bank import CauseFamily
 
@@ -33,7 +34,8 @@ def with_priors(families: Sequence[CauseFamily], seen: float = SEEN,
     free = A_FREE if any(family.is_free for family in families) else 0.0
     for is_free in (False, True):
         some = [family for family in families if family.is_free == is_free]
-        weight = np.array([math.exp(log_found(family)) for family in some])
+        weight = np.array([math.exp(log_found(family)) / (bodies_beside(family.name) if is_free else 1)
+                           for family in some])  # each part of the cell moves as often, by any of its bodies
         share = EXPECTED * seen * (free if is_free else 1 - free)
         for family, own in zip(some, weight / weight.sum() if len(some) else ()):
             family.log_prior = math.log(share * own)
