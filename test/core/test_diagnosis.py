@@ -152,6 +152,8 @@ def test_a_shape_without_name_is_unexplained():
     assert frozenset({'time', 'CMM position'}) in one.driven_by
     assert not motions(run)[one.motion][..., :2].any(), f'{one.motion} is along z'
     assert unexplained_words(found.verdict)
+    assert one.before == pytest.approx(found.fit.rms) and one.after == pytest.approx(SIGMA, rel=0.1)
+    assert f'falls from {1e6 * one.before:.3f} to ' in verdict_text(found.verdict).sentence
 
 
 def test_adding_the_right_effect_ends_the_search():

@@ -12,7 +12,7 @@ from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, State, allo
 from rosette_ros.core.diagnosis.noise_kinds import Beside, NoiseKinds
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.free import FREE, motions, variables
+from rosette_ros.core.effects.free import FREE, OF, PARTS, motions, variables
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
@@ -219,6 +219,26 @@ def test_free_courses_depend_on_what_changes():
         setting = settings[-1]
         count = len(FREE.course(run, setting)[1]) * len(motions(run)[setting['along']])
         assert FREE.columns(run, setting).shape == (run.size, 3, count) == (run.size, 3, FREE.width(run, setting))
+
+
+def test_variables_of_the_same_values_are_one():
+    """Where the table moves before every reading, the time since it did and the pause are the same."""
+    run = run_of(6, 'column')
+    run = run.replace(time=np.cumsum(np.random.default_rng(1).uniform(20, 60, run.size)))
+    at = {one.name: one for one in variables(run)}
+    np.testing.assert_array_equal(at['pause'].functions, at['time since move'].functions)
+    driven = {name for _, settings in FREE.families(run) for one in settings for name in FREE.driven_by(one)}
+    assert 'time since move' in driven and 'pause' not in driven
+
+
+def test_each_part_of_the_cell_is_as_likely_to_move():
+    """By any of its bodies, with each variable."""
+    odds = dict.fromkeys(PARTS.values(), 0.0)
+    for family in with_priors(families_of(run_of(6))):
+        variable, _, body = family.name.partition(OF)
+        if variable == 'time' and body:
+            odds[PARTS[body]] += np.exp(family.log_prior)
+    assert len(odds) == 4 and [*odds.values()] == pytest.approx([odds['frame']] * 4)
 
 
 def test_a_setting_that_moves_nothing_is_worth_nothing():
