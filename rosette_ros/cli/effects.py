@@ -16,7 +16,7 @@ from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_table
 from rosette_ros.core.diagnosis.cause import MissingEffect
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.effects.composed import effect
+from rosette_ros.core.effects.composed import COMPOSED, effect
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model, Term
@@ -60,8 +60,9 @@ def run_effects(options: Namespace) -> None:
         print_table(out, Table('library', 'Effects that a model may have and a diagnosis may name', (
             words('name', 'name', [one.name for one in chosen]),
             words('meaning', 'meaning', [one.meaning for one in chosen]))))
-        out.print('\nThe first three are the base model. [bold]rosette effects NAME[/] explains one; custom terms: '
-                  '[bold]rosette add --help[/].')
+        out.print(f'\nThe first three are the base model. {len(COMPOSED)} more laws are put together of motions and '
+                  'courses, such as axis_tilt_pulse (docs/effects.md). [bold]rosette effects NAME[/] explains one; '
+                  'custom terms: [bold]rosette add --help[/].')
     else:
         show_effect(chosen[0])
 

@@ -333,7 +333,7 @@ def print_card(out: Console, verdict: Verdict, run_path: Path | str, model: Path
     if has_headline:
         out.print(f'[bold {COLOURS[verdict.level]}]{HEADLINES[verdict.outcome]}[/]')
     say(out, text.sentence, None if has_headline else COLOURS[verdict.level])
-    if verdict.missing:
+    if verdict.missing or verdict.unnamed:
         print_parts(out, [causes(verdict)])
         out.print()
     for sentence in (*text.limits, *([text.action] if text.action != NOTHING_TO_DO else [])):

@@ -11,8 +11,9 @@ from rosette_ros.words.verdict_words import kind_words
 
 
 def causes(verdict: Verdict) -> Table:
-    """Return what a verdict says is missing, a row for each cause, the one that explains most first."""
-    every = verdict.missing
+    """Return what a verdict says is missing, a row for each cause, the one that explains most first, then what has no
+    name."""
+    every = (*verdict.missing, *verdict.unnamed)
     looks = [MEANINGS[one.name].look if one.name in MEANINGS else '' for one in every]
     return Table('causes', 'Causes, the one that explains most first', (
         column('probability', 'probability', [one.probability for one in every], chance),

@@ -11,7 +11,7 @@ from rosette_ros.core.diagnosis.common_cause import going_together
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.composed import GOING
 from rosette_ros.core.effects.effect import Motion, PhysicalEffect
-from rosette_ros.core.effects.free import OF, TIMES
+from rosette_ros.core.effects.free import FREE, OF, TIMES
 from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.core.sight.limits import CLAIM, SURE
 from rosette_ros.core.uncertainty.coverage import COVERAGE_FACTOR
@@ -208,6 +208,8 @@ def laws_words(cause: Cause, most: int = MOST) -> str:
 
 def moves_words(one: MissingEffect) -> str:
     """Return what moves with what: 'the probe moves with time'; or names."""
+    if one.name == FREE.name:
+        return _free_statement(one, Said())._replace(probability='').words
     said = _moving(one, Said()) if one.depth else None
     return said.words if said else ' or '.join(map(title_of, (one.name, *one.look_alikes)))
 
@@ -259,8 +261,7 @@ def _statement(one: MissingEffect, said: Said) -> _Statement:
                f', most likely {laws_words(cause, 1)}' if likeliest else f'; its law is {NOT_IN_LIBRARY} ({chance(p)})')
         moving = _moving(one, said) or _Statement(moves_words(one))
         return moving._replace(probability=chance(cause.probability), law=law + learnt)
-    number = cause.number('reading') or cause.number('ball')
-    place = '' if number is None else f', {"reading" if cause.number("reading") else "ball"} {number}'
+    place = next((f', {key} {one.setting[key]}' for key in ('reading', 'ball') if one.setting.get(key)), '')
     others = [f'{title_of(name)} ({chance(p)})' for name, p in one.alternatives if not one.depth]
     every = few([f'{title}{place} ({chance(cause.law_probability)})', *others], 'one of ')
     return _Statement(', or '.join(every) + learnt)

@@ -2,7 +2,6 @@
 """The card of a verdict in the terminal, from facts alone."""
 
 import io
-from dataclasses import replace
 
 from rosette_ros.cli.console import console
 from rosette_ros.cli.evaluate import print_card
@@ -34,6 +33,5 @@ def test_what_has_no_name_can_be_kept_as_a_term():
     assert lines[0] == 'SYSTEMATIC EFFECT FOUND, CAUSE NOT IDENTIFIED'
     assert lines[-1].endswith("rosette add free --set 'of=time since move' --set kind=slow --set 'along=frame along y' "
                               "--model mine.yaml --run 'my run.csv'")
-    open_ = replace(one, cause=replace(cause, or_with=(('pause',),)))  # what further readings may tell
-    lines = card(Verdict(Outcome.UNNAMED, RESIDUAL, RESIDUAL, unnamed=(open_,)), 'mine.yaml')
+    lines = card(Verdict(Outcome.UNNAMED, RESIDUAL, RESIDUAL, unnamed=(one,), is_open=True), 'mine.yaml')
     assert lines[-1].endswith("rosette advise 'my run.csv' --readings 12 --model mine.yaml")

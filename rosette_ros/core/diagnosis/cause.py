@@ -149,13 +149,6 @@ class MissingEffect:
         return tuple(name for name, _ in self.alternatives)
 
     @property
-    def is_open(self) -> bool:
-        """Whether the run leaves another law or name, or of a motion without a name another variable."""
-        cause = self.cause
-        return bool(self.alternatives) or (cause is not None and (
-            cause.law_probability < SURE or (not cause.names and len(cause.alternatives) > 1)))
-
-    @property
     def motion(self) -> str:
         """Which body moves along what, of a motion without a name."""
         return self.setting.word('along')

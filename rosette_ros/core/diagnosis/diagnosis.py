@@ -150,6 +150,7 @@ class RunDiagnosis:
         hidden, useless = _invisible(search, [one.name for one in lacking]), not_needed(search.start)
         verdict = decide(replace(
             facts_of(search.start, final, claims.unnamed), missing=lacking, doubtful=claims.doubtful,
+            is_open=bool(lacking or claims.unnamed) and search.posterior.is_open,
             hidden=strongest_first(search.run, hidden, search.model.base), not_needed=useless))
         if not verdict.model_fails:
             verdict = replace(verdict, unseen=unseen(final))

@@ -38,7 +38,7 @@ def motion_of(run: Run, place: Place) -> Cause:
     if len(own) == 1 and not family.is_free and course is not None and np.ptp(course, axis=1).any():
         standing[next(iter(own))] |= {  # a law may be a function of more than its variable is
             name for name, basis in slow_functions(run).items() if _share(course, basis) > ALIKE} - own
-    return Cause((place,), tuple(sorted(effect.moved(setting))),
+    return Cause((place,), tuple(sorted(effect.moved(setting), key=lambda body: [*PARTS, body].index(body))),
                  tuple((one, *sorted(standing[one])) for one in sorted(own)))
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run is explained by: the probabilities of all hypotheses that were looked at."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -78,6 +79,14 @@ class Posterior:
     def of(self, *names: str) -> float:
         """Return the probability that one of some members is there."""
         return float(sum(p for (members, _), p in self.p.items() if not set(names).isdisjoint(members)))
+
+    @cached_property
+    def is_open(self) -> bool:
+        """Whether some member is neither likely there nor likely not there: what further readings may settle."""
+        there = Counter[str]()
+        for (members, _), p in self.p.items():
+            there.update(dict.fromkeys(members, p))
+        return any(LISTED < p < 1 - LISTED for p in there.values())
 
     @cached_property
     def named(self) -> dict[str, MissingEffect]:

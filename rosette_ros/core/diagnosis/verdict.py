@@ -117,12 +117,12 @@ class Verdict(Judged):
     """The outcome and the facts behind it.
 
     outcome: of `decide`; before, after: the residual of the model as given and with all that it lacks; missing:
-    strongest first; unnamed: motions without a name; doubtful: names that are likely, but not enough to be said, each
-    with its probability; not_needed: effects of the model that the run does not ask for; hidden: effects that the order
-    cannot show, the largest bias on the curves first; outliers: readings among the missing; wrong: readings that are
-    far off in the rest, the farthest first; too_large: stated repeatability over what the readings show, 0 where that
-    is no more than chance; present: effects of the model that are surely there, with their rms, m; noise; remarks: on
-    the readings;
+    strongest first; unnamed: motions without a name; is_open: whether further readings may tell more of these;
+    doubtful: names that are likely, but not enough to be said, each with its probability; not_needed: effects of the
+    model that the run does not ask for; hidden: effects that the order cannot show, the largest bias on the curves
+    first; outliers: readings among the missing; wrong: readings that are far off in the rest, the farthest first;
+    too_large: stated repeatability over what the readings show, 0 where that is no more than chance; present: effects
+    of the model that are surely there, with their rms, m; noise; remarks: on the readings;
     has_motions: whether the model has the error motions of the table; reason: why the model cannot be determined, and
     effects it has beyond its base, `added`; unseen: as of Judged.
     """
@@ -132,6 +132,7 @@ class Verdict(Judged):
     after: Residual | None = None
     missing: tuple[MissingEffect, ...] = ()
     unnamed: tuple[MissingEffect, ...] = ()
+    is_open: bool = False
     doubtful: tuple[tuple[str, float], ...] = ()
     not_needed: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
@@ -155,11 +156,6 @@ class Verdict(Judged):
     def look_alikes(self) -> tuple[str, ...]:
         """Effects that the run cannot distinguish from a missing one."""
         return tuple(sorted({name for one in self.missing for name, _ in one.alternatives}))
-
-    @property
-    def is_open(self) -> bool:
-        """Whether further readings may tell more of what is found."""
-        return any(one.is_open for one in (*self.missing, *self.unnamed))
 
     @property
     def unexplained(self) -> bool:

@@ -200,7 +200,7 @@ class Periodic(Cycle):
 class Step(InTime):
     """H(t - t0); moments between readings, of which neighbours look alike.
 
-    One reading before or after is a wrong reading. event: what happened at that moment."""
+    Fewer than SHORTEST readings before or after are wrong readings. event: what happened at that moment."""
 
     event: str
     carries = 'nothing'
@@ -210,10 +210,20 @@ class Step(InTime):
         return (Searched('t0', 's', f'moment of the {self.event}, since the first reading', 'instant'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(t0=between_readings(run)[1:-1].tolist())
+        return grid(t0=_well_inside(run, between_readings(run)).tolist())
+
+    def instants(self, run: Run, setting: Setting, name: str) -> Floats:
+        """Return the instants beside that of a setting that leave readings enough."""
+        return _well_inside(run, super().instants(run, setting, name))
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         return (seconds(run) > values(settings, 't0')).astype(float)[:, None]
+
+
+def _well_inside(run: Run, moments: Floats) -> Floats:
+    """Return the moments that have SHORTEST readings at least before and after them."""
+    before = np.searchsorted(np.sort(seconds(run)), moments, side='right')
+    return moments[np.minimum(before, run.size - before) >= SHORTEST]
 
 
 class Pulse(InTime):

@@ -173,16 +173,16 @@ def motions(run: Run) -> dict[str, Floats]:
              for name, angle in (('frame', run.alpha), ('plate', run.beta))}
     scales = on.cmm_axes(run)
     place = on.radial(run.alpha) @ scales.T  # of the two axes of the CMM across the table axis
-    across = np.stack([place[:, i, None] * scales[j] for i in range(2) for j in range(2)])
+    first, second, shear = (sum(place[:, i, None] * scales[j] for i, j in some)
+                            for some in (((0, 0),), ((1, 1),), ((0, 1), (1, 0))))
     return {
         'frame along z': along[2:], 'frame along x': along[:1], 'frame along y': along[1:2],
         'frame along x and y': along[:2], 'frame along x, y and z': along,
         'plate along its x and y': plate[:2], 'plate along its x, y and z': plate,
         'plate growing': on.radial(run.alpha)[None], 'table or plate turning': on.tangential(run.alpha)[None],
         'table axis tilting': waves['frame'], 'plate tilting': waves['plate'], 'plate distorting': on.oval(run),
-        'first scale of the CMM': across[:1], 'second scale of the CMM': across[3:],
-        'squareness of the CMM': across[1:3].sum(axis=0)[None],
-        'scales and squareness of the CMM': across}
+        'first scale of the CMM': first[None], 'second scale of the CMM': second[None],
+        'squareness of the CMM': shear[None], 'scales and squareness of the CMM': np.stack([first, second, shear])}
 
 
 def moving_bodies(run: Run) -> dict[str, Floats]:

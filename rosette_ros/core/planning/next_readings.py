@@ -91,8 +91,9 @@ class NextReadings:
     be, and U the wanted size where one is wanted; targets: the readings, in the order of measuring and as the cell
     drives: turned as `approach` and after `wait` says; None where it is settled, or no block helps; gain: expected
     information on the explanations, nats; duration: s from the last reading to the end of the block, moves and touches
-    included; separates: the two explanations that are in doubt, None where one is settled; expected_uncertainty: U
-    after the block, m; is_hopeless: whether it is not settled and as many readings again would not settle it.
+    included; separates: of the explanations in doubt the two that the block separates best, None where none are;
+    expected_uncertainty: U after the block, m; is_hopeless: whether it is not settled and as many readings again would
+    not settle it.
     """
 
     contenders: tuple[Explanation, ...]
@@ -197,7 +198,10 @@ def _parting(search: RunSearch, found: NextReadings, readings: int, pace: Pace, 
     if not made:
         return replace(found, is_hopeless=True)
     _, duration, block, square = max(made, key=lambda one: one[0])
-    pair = replace(pair, expected=expected_share(pair.now, float(square[0, 1])))
+    pairs = [(Separation(likely[i], likely[j], until), float(square[i, j]))
+             for i, j in np.argwhere(~np.isnan(need)).tolist() if i < j]
+    told = [replace(one, expected=expected_share(one.now, distance)) for one, distance in pairs]
+    pair = max(told, key=lambda one: (one.first.probability + one.second.probability) * (one.expected - one.now))
     return replace(found, targets=block, gain=float(information(p, square)), duration=duration, separates=pair)
 
 

@@ -115,7 +115,7 @@ class VerdictPanel:
         self._causes.show(self._show_causes, verdict)
 
     def _show_causes(self, verdict: Verdict | None) -> None:
-        if verdict and verdict.missing:
+        if verdict and (verdict.missing or verdict.unnamed):
             widgets.plain_table(causes(verdict), as_cards=True)
 
 
