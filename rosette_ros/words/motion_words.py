@@ -83,7 +83,7 @@ NOT_IN_LIBRARY = 'not in the library'
 """Of a law that no entry of the library is, in every sentence."""
 ALL_AXES = ('', 'x, y and z', 'its x, y and z')
 """Directions that need not be said."""
-SAID_ELSEWHERE = ('axes', 'ball', 'reading', 't0', 't1')
+SAID_ELSEWHERE = ('axes', 'ball', 'reading', 't0', 't1', 'driver', 'start')
 
 
 class Said:

@@ -78,8 +78,8 @@ def standing_words(found: 'NextReadings') -> str:
 def next_words(found: 'NextReadings') -> list[str]:
     """Return what is known, what is in doubt and what the block is for, a sentence each."""
     if found.is_settled:
-        best = found.contenders[0]
-        return [f'Settled: {contender_words(best)}, U = {1e6 * found.uncertainty:.3g} µm.', NOTHING_TO_DO]
+        return [f'Settled: {contender_words(found.contenders[0])}; U of the curves is at most '
+                f'{1e6 * found.uncertainty:.3g} µm.', NOTHING_TO_DO]
     return [f'{capital(text)}.' for text in (
         settling_words(open_words(found)), block_words(found), hopeless_words(found)) if text]
 

@@ -324,7 +324,7 @@ def noise_actions(noise: NoiseFacts) -> list[str]:
     if noise.tail:
         out.append('clean balls and stylus (readings that stand out have less weight)')
     if noise.noisiest:
-        out.append(f'check {_group(noise.noisiest[0])}')
+        out.append(f'check why {_group(noise.noisiest[0])} scatters more')
     if noise.walk or noise.wander or noise.correlation:
         out.append('check probe and stylus, look for draughts, vibration and changes of temperature of the frame, or '
                    'measure faster')
