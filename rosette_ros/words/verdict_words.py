@@ -79,14 +79,17 @@ def unexplained_words(verdict: Verdict) -> str:
 
 
 def _sentences(verdict: Verdict) -> list[str]:
-    wander = '' if verdict.missing or verdict.unnamed else _wander_words(verdict.noise)
-    out = [f'The probe wanders with time, by {wander}.'] * bool(wander) + [*_outcome(verdict), *_wrong(verdict)]
+    noise = verdict.noise
+    first = [] if verdict.missing or verdict.unnamed else _found_in_noise(noise)
+    if first:  # it is said
+        noise = replace(noise, walk=0.0, wander=0.0, noisiest=())
+    out = [*first, *_outcome(verdict), *_wrong(verdict)]
     if verdict.too_large:
         out.append(f'The stated repeatability is {multiple(verdict.too_large)} times what the readings show, so '
                    'uncertainties based on it are too large.')
-    if noise := _other_noise(replace(verdict.noise, walk=0.0, wander=0.0) if wander else verdict.noise):
-        out.append(f'The noise is {noise_kind(verdict.noise)}: {"; ".join(noise)}.')
-    out += [f'{capital(one)}.' for one in _rounding_words(verdict.noise)]
+    if others := _other_noise(noise):
+        out.append(f'The noise is {noise_kind(noise)}: {"; ".join(others)}.')
+    out += [f'{capital(one)}.' for one in _rounding_words(noise)]
     beside = [one for one in verdict.doubtful if one[1] >= SURE and (verdict.missing or verdict.unnamed)]
     out += [f'{lead}: {names(f"{title_of(name)} ({chance(p)})" for name, p in some)}.' for lead, some in (
         ('Not added, as it may be part of the motion above', beside),
@@ -129,7 +132,7 @@ def _outcome(verdict: Verdict) -> list[str]:
 
 def _fits(verdict: Verdict, residual: Residual) -> str:
     """Return that a model fits; of a residual that has structure only that no effect of the grammar explains it."""
-    if _wander_words(verdict.noise):
+    if _found_in_noise(verdict.noise):
         return f'{capital(_against_repeatability(residual))}.'
     if verdict.has_structure:
         return f'No missing effect is found, but {_against_repeatability(residual)}.'
@@ -296,15 +299,28 @@ def _other_noise(noise: NoiseFacts) -> list[str]:
     if noise.tail:
         out.append(f'single {noise.tail}s are farther off than a normal distribution allows (Student, '
                    f'{noise.tail_dof:g} degrees of freedom)')
-    if noise.noisiest:
-        where, *alike = map(_group, noise.noisiest)
-        same = f' (this run cannot distinguish it from {" or ".join(alike)})' if alike else ''
-        out.append(f'{where} scatters {noise.factor:.1f} times as much as the others{same}')
+    if scatters := _noisiest_words(noise):
+        out.append(scatters)
     if wander := _wander_words(noise):
         out.append(f'the frame wanders by {wander}')
     elif noise.correlation:
         out.append(f'autocorrelation (lag 1) {noise.correlation:+.1f}'.replace('-', '−'))
     return out
+
+
+def _found_in_noise(noise: NoiseFacts) -> list[str]:
+    """Return in sentences what in the noise has a place in the cell: a probe that wanders, a ball that scatters."""
+    wander, scatters = _wander_words(noise), _noisiest_words(noise)
+    return [*[f'The probe wanders with time, by {wander}.'] * bool(wander), *[f'{capital(scatters)}.'] * bool(scatters)]
+
+
+def _noisiest_words(noise: NoiseFacts) -> str:
+    """Return which part of the readings scatters, and by how much, empty where none does."""
+    if not noise.noisiest:
+        return ''
+    where, *alike = map(_group, noise.noisiest)
+    same = f' (this run cannot distinguish it from {" or ".join(alike)})' if alike else ''
+    return f'{where} scatters {noise.factor:.1f} times as much as the others{same}'
 
 
 def _wander_words(noise: NoiseFacts) -> str:

@@ -15,6 +15,7 @@ from rosette_ros.core.effects.composed import LAWS
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import moving_bodies
 from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.core.model.noise import Group
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.run.scheme import plan
 from rosette_ros.core.uncertainty.stated_environment import Unseen
@@ -161,6 +162,9 @@ def test_why_a_likely_name_is_not_added():
      '0.2).'),
     (NoiseFacts(worse=(('z', 2.5),), than='xy', scatter=(8e-8, 8e-8, 2e-7)),
      'The noise is not equal: standard deviations in x, y, z: 0.080, 0.080, 0.20 µm.'),
+    (NoiseFacts(noisiest=(Group('ball', 5, 8),), factor=12.3),
+     'Ball 5 scatters 12.3 times as much as the others. The residual of 0.102 µm is 1.12 times the stated '
+     'repeatability of 0.0910 µm (p-value of the lack-of-fit test: 0.2).'),
     (NoiseFacts(1e-6, 0.9, tail='reading', tail_dof=3.0),
      'The noise is not normal: single readings are farther off than a normal distribution allows (Student, 3 degrees '
      'of freedom). The readings are rounded to 1.00 µm, which accounts for 90 % of the variance of the residual.')])
@@ -168,7 +172,7 @@ def test_noise_is_said_by_what_it_is_not(noise, words):
     """Of readings that are correlated nobody says that they show no structure."""
     sentence = verdict_text(Verdict(Outcome.NOISE, AFTER, AFTER, noise=noise)).sentence
     assert sentence.endswith(words)
-    assert ('shows no structure' in sentence) == ('The model fits' in sentence) == (not noise.walk)
+    assert ('shows no structure' in sentence) == ('The model fits' in sentence) == (not (noise.walk or noise.noisiest))
 
 
 def test_a_residual_above_the_repeatability_is_no_fit():
