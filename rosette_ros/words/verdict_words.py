@@ -219,7 +219,7 @@ def _actions(verdict: Verdict) -> list[str]:
     if verdict.unnamed:
         out.append(_check(verdict.unnamed))
     if verdict.is_open:
-        out.append('see which further readings settle what is open (advise --readings)')
+        out.append('consider further readings (advise --readings)')
     if verdict.outcome == Outcome.SCATTERS and not _wander_words(verdict.noise):
         out.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
                    'residual maps')

@@ -87,7 +87,7 @@ def test_what_this_run_cannot_distinguish_is_said_once():
         'rotation, or with the line of the encoder, or with one of 2 more (97 %); its law is not in the library')
     text = verdict_text(Verdict(Outcome.UNNAMED, BEFORE, AFTER, unnamed=(one,), is_open=True))
     assert text.action == ('Check the cell for what changes with time, the sense of rotation, the line of the encoder '
-                           'or one of 3 more; see which further readings settle what is open (advise --readings).')
+                           'or one of 3 more; consider further readings (advise --readings).')
 
 
 def test_several_motions_say_once_what_they_share():
@@ -289,8 +289,8 @@ def test_what_is_less_than_sure_is_suspected():
     one = replace(slip(), cause=replace(slip().cause, probability=0.8), together=0.8)
     text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, (one,), is_open=True))
     assert text.sentence.startswith('Ball 11 moves with time (80 %), most likely slip of one ball (96 %)')
-    assert text.action == ('Eliminate the cause and repeat the measurement, or include it in the evaluation model; see '
-                           'which further readings settle what is open (advise --readings).')
+    assert text.action == ('Eliminate the cause and repeat the measurement, or include it in the evaluation model; '
+                           'consider further readings (advise --readings).')
     assert HEADLINES[text.outcome] == 'SYSTEMATIC EFFECT SUSPECTED, NOT IN THE MODEL'
     text = verdict_text(Verdict(Outcome.SUSPECTED, BEFORE, AFTER, unnamed=(unnamed('plate growing', ['time']),)))
     assert text.sentence.startswith('The plate grows or shrinks with time (97 %); its law is not in the library')

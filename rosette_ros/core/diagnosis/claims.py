@@ -168,7 +168,7 @@ class Claims:
     def _rms(self, members: Sequence[Member]) -> float:
         """Return the standard deviation of the noise beside members of the sizes that they have, m."""
         evidence = self._search.evidence
-        return evidence.scale * math.sqrt(State(evidence, members, is_sized=True).left / evidence.dof)
+        return evidence.scale * math.sqrt(max(State(evidence, members, is_sized=True).left, 0.0) / evidence.dof)
 
     @property
     def doubtful(self) -> tuple[tuple[str, float], ...]:

@@ -34,20 +34,18 @@ class OneBall(Course):
 
 
 class BallStep(OneBall):
-    """H(t - t0) for one ball, at moments between its own readings; neighbours look alike.
-
-    A single one of its readings before or after is a wrong reading."""
+    """H(t - t0) for one ball, at moments between its own readings; neighbours look alike."""
 
     searched = (ONE_BALL, Searched('t0', 's', 'moment of the slip, since the first reading', 'instant'))
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return tuple(Setting(ball=ball, t0=float(t0)) for ball in run.balls
-                     for t0 in on.thinned(on.midway(seconds(run)[run.ball == ball])[1:-1], 40))
+                     for t0 in on.thinned(on.midway(seconds(run)[run.ball == ball]), 40))
 
 
     def instants(self, run: Run, setting: Setting, name: str) -> Floats:
         """Return the instants between that ball's readings around a setting."""
-        middle = on.midway(self.own(run, [setting]))[1:-1]
+        middle = on.midway(self.own(run, [setting]))
         return on.beside(middle, setting.number(name), 1.5 * middle.size / 40)
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
