@@ -3,6 +3,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -268,8 +269,8 @@ def _statement(one: MissingEffect, said: Said) -> _Statement:
 
 
 def _moving(one: MissingEffect, said: Said) -> _Statement | None:
-    """Return what moves with what, by the verb of its law, and what runs like a variable where this law is not sure;
-    None of a law that has none."""
+    """Return what moves with what, by the verb of its law, and what runs like a variable, of a sure law what is
+    plainer; None of a law that has none."""
     effect, cause = MEANINGS.get(one.name), one.cause
     if cause is None or not isinstance(effect, PhysicalEffect):
         return None
@@ -277,9 +278,17 @@ def _moving(one: MissingEffect, said: Said) -> _Statement | None:
     if reading:
         return _Statement(f'reading {reading} is off')
     own = effect.motion.variables
-    driven = _driven(cause, own, said) if cause.law_probability < SURE else (_driven_words(cause, own), '')
+    driven = _driven(cause if cause.law_probability < SURE else _with_plainer(cause), own, said)
     return _Statement(MOVES[type(effect.motion)] if ball is None else _does(effect, f'ball {ball}'),
                       _others_words(cause, said, effect.moved(one.setting)), *driven)
+
+
+def _with_plainer(cause: Cause) -> Cause:
+    """Return a cause of a sure law with those variables that run like its own and are plainer: with which it moves as
+    well."""
+    plainer = {one: [*VARIABLES][:place] for place, one in enumerate(VARIABLES)}
+    return replace(cause, variables=tuple(
+        (first, *(one for one in others if one in plainer.get(first, ()))) for first, *others in cause.variables))
 
 
 def _together(some: Sequence[MissingEffect], said: Said) -> _Statement:

@@ -259,6 +259,10 @@ def test_a_size_that_is_not_determined_is_said_as_that():
         'frame_drift + frame_cycle': 0.6, '': 0.39})),
      'the probe moves with time (table travel runs alike; 99 %), most likely linear probe drift and periodic drift of '
      'the machine (60 %)'),
+    (MissingEffect('frame_temperature', Setting(), {}, cause(
+        'frame', (('temperature', 'time', 'travel'),), 0.99, {'frame_temperature': 0.95})),
+     'the probe moves with the temperature (time runs alike; 99 %), most likely thermal drift proportional to air '
+     'temperature (95 %)'),
     (MissingEffect('table_zero_drift', Setting(), {}, cause('table or plate turning', (('temperature',),), 0.99, {
         '': 0.93, 'table_zero_expansion': 0.06})),
      'the table or the plate turns with the temperature (99 %); its law is not in the library (93 %)'),

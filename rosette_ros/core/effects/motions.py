@@ -363,18 +363,27 @@ class CmmScales(Motion):
 
 
 class CmmSquareness(Motion):
-    """The angle between these two axes changes: along the first by the place along the second."""
+    """The angle between these two axes changes as one turns: along the first by the place along the second, or the
+    other way round."""
 
     body, stated = 'CMM', 'machine'
     like = ('scales and squareness of the CMM', 'squareness of the CMM')
+    searched = (Searched('axis', '', 'the axis along which the CMM is off: the first or the second across the table '
+                         'axis'),)
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return grid(axis=('first', 'second'))
+
+    def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
+        return (SCALES[setting.word('axis', 'first')][0],)
 
     def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
         first, second = tuple(on.cmm_axes_names(run))
         return (Quantity(one.name, one.unit, f'{one.meaning} {second} to {first}'),)
 
     def direction(self, run: Run, part: Any) -> Floats:
-        first, second = on.cmm_axes(run)
-        return np.asarray((run.radius * on.radial(run.alpha) @ second)[:, None] * first)
+        along, by = on.cmm_axes(run)[part], on.cmm_axes(run)[1 - part]
+        return np.asarray((run.radius * on.radial(run.alpha) @ by)[:, None] * along)
 
 
 class CmmDeformation(Motion):
