@@ -12,7 +12,6 @@ from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Level, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.planning.next_readings import UNTIL, in_doubt
 from rosette_ros.core.run.records import Run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import causes
@@ -109,8 +108,7 @@ class VerdictPanel:
         for one, verb in ((self._preview, 'Preview'), (self._add, 'Add')):
             one.set_visibility(bool(missing) and self._controller.session.preview is None)
             one.set_text(f'{verb} {what}')
-        explanations = results.summary.diagnosis.explanations if results.summary else ()
-        self._settle.set_visibility(bool(explanations) and in_doubt(explanations, UNTIL) is not None)
+        self._settle.set_visibility(bool(verdict and verdict.is_open))
         self._next.set_text((self._controller.answer('next') or ('',))[0])
         self._causes.show(self._show_causes, verdict)
 
