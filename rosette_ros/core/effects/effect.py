@@ -319,6 +319,11 @@ class Effect(_ByValue):
         """Return the variables with which it moves; the ball is none where one ball moves."""
         return frozenset(self.variables)
 
+    @property
+    def is_limited(self) -> bool:
+        """Whether physics limits its amplitudes."""
+        return type(self).most is not Effect.most
+
     def most(self, setting: Setting) -> float:
         """Return the largest amplitude that physics allows, SI."""
         return float('inf')
@@ -402,6 +407,10 @@ class PhysicalEffect(Effect):
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         return self.course.amplitudes(run, setting, self.quantities,
                                       lambda one: self.motion.amplitudes(run, setting, one))
+
+    @property
+    def is_limited(self) -> bool:
+        return type(self.course).most is not Course.most
 
     def most(self, setting: Setting) -> float:
         return self.course.most(setting)

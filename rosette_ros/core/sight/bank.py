@@ -287,18 +287,23 @@ class Bank:
                 place = slice(begin + own.start, begin + own.stop)
                 q = part.m * which.shape[1]
                 if piece.key[1]:
-                    pairs = zip(group.family[place], group.setting[place])
-                    variances = [self.families[k].effect.variances(self.run, self.families[k].settings[j])
-                                 for k, j in pairs]
+                    pairs = zip(wave.tolist(), group.family[place].tolist(), group.setting[place].tolist())
+                    one_of = {course: (k, j) for course, k, j in pairs}  # all of a course have its variances
+                    variances = {course: self.families[k].effect.variances(self.run, self.families[k].settings[j])
+                                 for course, (k, j) in one_of.items()}
                     sums = part.rows_of(square, wave, which)[..., 0]
-                    group.mix[place, :q] = scaled(sums, np.reshape(variances, (len(wave), q)))
+                    group.mix[place, :q] = scaled(sums, np.array([variances[course] for course in wave.tolist()]))
                 else:
                     over = part.rows_of(mean, wave, which)
                     gram = np.asarray(part.gram(squares, wave, which) - over @ over.transpose(0, 2, 1), dtype=float)
                     group.mix[place, :q, :q] = self._mixed(gram, group.family[place], group.setting[place])
                     longest = np.sqrt(np.maximum(np.einsum('bqq->bq', gram).max(axis=1), 1e-300))
-                    group.most[place] = longest * [self.families[k].effect.most(self.families[k].settings[j]) for k, j
-                                                   in zip(group.family[place], group.setting[place])]
+                    for number in np.unique(group.family[place]):
+                        one = self.families[number]
+                        if one.effect.is_limited:
+                            at = np.flatnonzero(group.family[place] == number)
+                            group.most[place.start + at] = longest[at] * [
+                                one.effect.most(one.settings[j]) for j in group.setting[place][at]]
 
     def _mixed(self, gram: Floats, family: Ints, setting: Ints) -> Reals:
         """Return T (b, q, q) of products (b, q, q) of columns of named effects."""
