@@ -77,6 +77,25 @@ def test_one_scale_is_told_from_both():
     assert found.terms[0].fixed['scales'] == 'second'
 
 
+def test_either_axis_of_the_cmm_may_turn():
+    """Along y by the place along x is no turn of the table beside a squareness along x."""
+    run, *_ = synthetic_run(7, 'random', seed=6, noise=SIGMA, repeatability=SIGMA)
+    off = np.zeros((run.size, 3))
+    off[:, 1] = 6e-6 * RADIUS * np.cos(run.phi + run.beta) * run.time / run.time.max()
+    found = find(run.replace(centre=run.centre + off))
+    assert found.missing == ('cmm_squareness_drift',)
+    assert found.terms[0].fixed['axis'] == 'second'
+
+
+def test_a_step_has_readings_before_and_after_it():
+    """Three at least, however it is refined: fewer are wrong readings."""
+    run, *_ = synthetic_run(7, 'random', seed=6)
+    step, time = LAWS['plate_warp_step'], run.time - run.time[0]
+    for setting in step.settings(run):
+        for moment in (setting['t0'], *step.brackets(run, setting)['t0']):
+            assert 3 <= np.count_nonzero(time < moment) <= run.size - 3
+
+
 def test_every_motion_goes_with_every_course():
     """Each pair is a law, of the library or composed; what turns with the table is the table's alone."""
     kinds = {(type(one.motion), type(one.course)) for one in LAWS.values()}

@@ -206,6 +206,9 @@ def test_probabilities_count_every_hypothesis():
     assert (claim.name, claim.look_alikes) == ('frame_step', ('frame_drift',))
     assert claim.together == pytest.approx(claim.is_there + posterior.of('frame_drift'))
     assert posterior.unnamed == pytest.approx(np.exp(2) / sum(np.exp(list(evidence.values()))))
+    assert posterior.is_open  # a step or a drift
+    clear = {((), ()): (0.0, ()), (('frame_step',), ()): (5.0, ())}
+    assert not Posterior(clear).is_open
 
 
 def test_free_courses_depend_on_what_changes():

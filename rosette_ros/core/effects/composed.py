@@ -79,7 +79,8 @@ MOVING = (
     Moving('cmm_scale', move.CmmScales(), 'm/m', 'change of the CMM scales', 'The scales of the CMM change', ' of',
            'Scales of the CMM and their temperature', 'x f along x, y f along y'),
     Moving('cmm_squareness', move.CmmSquareness(), 'rad', 'change of the CMM squareness',
-           "The angle between the CMM's axes changes", ' of', 'Guideways and portal of the CMM', 'y f along x'),
+           "The angle between the CMM's axes changes", ' of', 'Guideways and portal of the CMM',
+           'y f along x, or x f along y'),
     Moving('cmm_deformation', move.CmmDeformation(), 'm', 'deformation of the CMM', 'The CMM deforms', ' along',
            'Guideways, portal and bed of the CMM', '(cos(m alpha), sin(m alpha), m = 1 and 2) f'))
 GOING = (

@@ -54,8 +54,9 @@ from rosette_ros.core.planning.size import refuse_more
 from rosette_ros.core.run.records import Floats, Ints, Run
 from rosette_ros.core.run.scheme import Scheme
 from rosette_ros.core.run.touches import USUAL_PACE, Pace
+from rosette_ros.core.sight.limits import LISTED
 
-BLOCK, UNTIL = 12, 0.95
+BLOCK, UNTIL = 12, 1 - LISTED
 """Readings of a block, and probability from which on an explanation is settled, unless others are asked for."""
 MOST = 10
 """Explanations that a block is chosen by."""
